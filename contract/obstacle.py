@@ -1,0 +1,74 @@
+"""The living record of an obstacle as it is served: a GeoJSON feature (RFC 7946)."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+from uuid import UUID
+
+from pydantic import Field
+
+from contract.geometry import Box, BoxSd, Kind, LatLon, Message, PlaneCovariance, Sign, UtcDatetime
+from contract.observation import State
+
+
+class PointGeometry(Message):
+    """GeoJSON point: longitude first, degrees (the only place where that order exists)."""
+
+    type: Literal["Point"] = "Point"
+    coordinates: tuple[float, float]
+
+    @classmethod
+    def at(cls, position: LatLon) -> PointGeometry:
+        """Geometry of a position."""
+        return cls(coordinates=(position.longitude_deg, position.latitude_deg))
+
+    @property
+    def position(self) -> LatLon:
+        """The position of the geometry."""
+        return LatLon(latitude_deg=self.coordinates[1], longitude_deg=self.coordinates[0])
+
+
+class ObstacleProperties(Message):
+    """What is known of an obstacle. `version` counts shapes, `revision` every change of a served field."""
+
+    kind: Kind
+    sign: Sign
+    state: State
+    version: Annotated[int, Field(ge=1)]
+    revision: Annotated[int, Field(ge=1)]
+    box: Box
+    box_sd: BoxSd
+    volume_m3: float
+    position_covariance: PlaneCovariance
+    altitude_m: float
+    confidence: Annotated[float, Field(ge=0, le=1, description="as of `as_of`; halves every `half_life_s`")]
+    as_of: UtcDatetime
+    half_life_s: float
+    expires_at: UtcDatetime
+    first_seen: UtcDatetime
+    last_seen: UtcDatetime
+    sightings: Annotated[int, Field(ge=1)]
+    witnesses: Annotated[int, Field(ge=1)]
+    succeeds: UUID | None = None
+    merged_into: UUID | None = None
+
+
+class ObstacleFeature(Message):
+    """One obstacle."""
+
+    type: Literal["Feature"] = "Feature"
+    id: UUID
+    geometry: PointGeometry
+    properties: ObstacleProperties
+
+    @property
+    def position(self) -> LatLon:
+        """Position of the centre of the obstacle's box."""
+        return self.geometry.position
+
+
+class ObstacleCollection(Message):
+    """Obstacles near a place, nearest first."""
+
+    type: Literal["FeatureCollection"] = "FeatureCollection"
+    features: tuple[ObstacleFeature, ...]

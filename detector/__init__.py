@@ -1,0 +1,1 @@
+"""Points in, obstacles out; knows no map, no network, no clock."""

@@ -1,0 +1,1 @@
+"""The obstacle service: the obstacle's life, storage, nearby queries, push."""

@@ -1,0 +1,1 @@
+"""Roads, potholes, ray-cast LiDAR and camera, several vehicles."""

@@ -1,0 +1,1 @@
+"""One vehicle: sensor source, pose, reporting, the obstacle map around it, alerts, AR frames."""

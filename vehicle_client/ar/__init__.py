@@ -1,0 +1,1 @@
+"""What the driver sees: camera model, what to draw, and the drawing."""
