@@ -1,0 +1,155 @@
+"""The road's colour: grain, patches, wheel tracks, cracks, worn marks, and broken asphalt in the holes."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from simulator.pothole import Relief
+from simulator.street import PlacedObstacle, Street
+from simulator.texture import Texture, fractal_noise
+from simulator.view import Paint, View, blend, repeated, rgb, step, stripe
+
+Float32Array = NDArray[np.float32]
+
+ASPHALT, FRESH_ASPHALT = rgb(0.118, 0.114, 0.108), rgb(0.050, 0.050, 0.052)
+GRAVEL, DUST, WHITE = rgb(0.085, 0.072, 0.058), rgb(0.20, 0.17, 0.13), rgb(0.62, 0.61, 0.57)
+
+GRAIN_M, MOTTLE_M, PATCH_M = 0.004, 0.03, 0.35
+"""Texel sizes: aggregate of asphalt concrete, its mottling, and stains."""
+
+WHEEL_PATHS_M = (-2.5, -1.0, 1.0, 2.5)
+DASH_M, DASH_PERIOD_M = 3.0, 7.5
+MARK_HALF_WIDTH_M, EDGE_MARK_M = 0.06, 3.2
+
+
+class AsphaltPaint:
+    """Paint of one street's road."""
+
+    def __init__(self, street: Street) -> None:
+        self._street = street
+        seeds = np.random.default_rng([street.seed, 2]).integers(0, 2**31, 4)
+        self._grain = Texture(fractal_noise(int(seeds[0]), 1024, slope=0.0), GRAIN_M)
+        self._mottle = Texture(fractal_noise(int(seeds[1]), 1024, slope=0.7), MOTTLE_M)
+        self._stains = Texture(fractal_noise(int(seeds[2]), 512, slope=1.1), PATCH_M)
+        self._repairs = _repairs(street, np.random.default_rng(int(seeds[3])))
+
+    def paint(self, view: View) -> Paint:
+        """Colours of hits on the road."""
+        x, y = view.point_m[:, 0], view.point_m[:, 1]
+        along = view.pixel_m / view.cosine
+        grain = self._grain.at(x, y) * np.clip(0.011 / along, 0.08, 1)
+        mottle = self._mottle.smooth(x, y)
+        stains = self._stains.smooth(x, y)
+        tone = 1 + 0.20 * grain + 0.10 * mottle + 0.10 * stains - _polish(y)
+        colour = ASPHALT * np.maximum(tone, 0.25)[:, None]
+        colour = self._repaired(colour, x, y, view.pixel_m)
+        colour *= 1 - 0.62 * self._cracks(x, y, along)[:, None]
+        colour = blend(
+            colour, WHITE * (1 + 0.10 * grain)[:, None], self._marks(x, y, view.pixel_m, along, mottle, grain)
+        )
+        gutter = np.clip((np.abs(y) - 3.05) / 0.45, 0, 1) * np.clip(0.45 + 0.25 * mottle, 0, 1)
+        colour = blend(colour, DUST * np.float32(0.7), gutter * np.float32(0.6))
+        openness = np.ones_like(x)
+        for placed in self._street.obstacles:
+            if isinstance(placed.shape, Relief):
+                _paint_obstacle(placed, placed.shape, view, grain, mottle, colour, openness)
+        return Paint.matt(colour, openness * self._beside_cars(x, y))
+
+    def _repaired(self, colour: Float32Array, x: Float32Array, y: Float32Array, pixel: Float32Array) -> Float32Array:
+        """Darker rectangles where the road was opened, sealed with bitumen."""
+        for x0, y0, half_length, half_width, shade in self._repairs:
+            inside = np.minimum(half_length - np.abs(x - x0), half_width - np.abs(y - y0))
+            colour = colour * (1 - (1 - shade) * step(inside, 0.0, pixel))[:, None]
+            colour = colour * (1 - 0.5 * stripe(inside, 0.02, pixel))[:, None]
+        return np.asarray(colour)
+
+    def _cracks(self, x: Float32Array, y: Float32Array, along: Float32Array) -> Float32Array:
+        """Share of crack in a pixel: zero crossings of noise where the road is tired, and the joint of the lanes."""
+        wander = self._mottle.smooth(x * 0.16 + 3, y * 0.16)
+        tired = np.clip(self._stains.smooth(y * 1.7 + 11, x * 0.7) - 0.55, 0, 0.5) * 2
+        fade = np.clip(0.03 / along, 0, 1)
+        crack = np.exp(-np.square(wander / (0.035 + 0.4 * along))) * tired * fade
+        joint = stripe(y - 0.16 - 0.012 * wander, 0.006, along.clip(0.004)) * 0.8
+        return np.asarray(np.minimum(crack + joint, 1))
+
+    def _marks(
+        self,
+        x: Float32Array,
+        y: Float32Array,
+        pixel: Float32Array,
+        along: Float32Array,
+        mottle: Float32Array,
+        grain: Float32Array,
+    ) -> Float32Array:
+        """Share of white paint: a dashed middle line and solid edges, worn in patches."""
+        dash = stripe(repeated(x, DASH_PERIOD_M), DASH_M / 2, along) * stripe(y, MARK_HALF_WIDTH_M, pixel)
+        edge = stripe(np.abs(y) - np.float32(EDGE_MARK_M), 0.05, pixel)
+        wear = np.clip(0.80 - 0.28 * mottle - 0.22 * grain, 0.05, 0.92)
+        return np.asarray((dash + 0.75 * edge) * wear)
+
+    def _beside_cars(self, x: Float32Array, y: Float32Array) -> Float32Array:
+        """Share of the sky seen beside and under the parked cars."""
+        openness = np.ones_like(x)
+        for parked in self._street.parked_cars:
+            outside = np.maximum(np.abs(x - parked.x_m) - 1.95, np.abs(y - parked.y_m) - 0.72)
+            openness *= np.clip(0.55 + outside / 0.7, 0.12, 1)
+        return openness
+
+
+def _polish(y: Float32Array) -> Float32Array:
+    """Tyres polish and darken their paths; oil darkens the middle of a lane a little."""
+    paths = sum(np.exp(-np.square((y - path) / 0.34)) for path in WHEEL_PATHS_M)
+    oil = np.exp(-np.square((np.abs(y) - 1.75) / 0.30))
+    return np.asarray(0.17 * paths + 0.07 * oil, dtype=np.float32)
+
+
+def _repairs(street: Street, rng: np.random.Generator) -> list[tuple[float, float, float, float, float]]:
+    """Rectangles (x, y, half length, half width, shade) across the whole drawn road, off the obstacles."""
+    repairs = []
+    for x in np.arange(-80.0, street.length_m + 100.0, 17.0):
+        place = (x + rng.uniform(-5, 5), rng.uniform(-2.6, 2.6))
+        size = (rng.uniform(0.4, 2.2), rng.uniform(0.25, 0.8))
+        if all(abs(place[0] - placed.x_m) > size[0] + 1.5 for placed in street.obstacles):
+            repairs.append((*place, *size, rng.uniform(0.62, 0.85)))
+    return repairs
+
+
+def _paint_obstacle(
+    placed: PlacedObstacle,
+    relief: Relief,
+    view: View,
+    grain: Float32Array,
+    mottle: Float32Array,
+    colour: Float32Array,
+    openness: Float32Array,
+) -> None:
+    """Overwrite the colours around one relief: a patch if filled, broken asphalt in a hole, cracks on a bump."""
+    reach = relief.reach_m * 1.15
+    x, y = view.point_m[:, 0], view.point_m[:, 1]
+    near = np.flatnonzero((np.abs(x - placed.x_m) < reach) & (np.abs(y - placed.y_m) < reach))
+    if not near.size:
+        return
+    u, v = placed.local(x[near].astype(np.float64), y[near].astype(np.float64))
+    mix = grain[near] * np.float32(1.0)
+    if placed.filled:
+        margin = np.minimum(relief.length_m * 0.58 - np.abs(u), relief.width_m * 0.60 - np.abs(v)).astype(np.float32)
+        patch = FRESH_ASPHALT * (1 + 0.18 * mix)[:, None]
+        colour[near] = blend(colour[near], patch, step(margin, 0.0, view.pixel_m[near]))
+        colour[near] *= 1 - 0.6 * stripe(margin, 0.02, view.pixel_m[near])[:, None]
+        return
+    height = (relief.height_at(u, v) / relief.relief_m).astype(np.float32)
+    if height.min() < -0.2:
+        deep = np.clip(-height, 0, 1)
+        broken = np.maximum(1 + 0.55 * mix + 0.30 * mottle[near], 0.25)[:, None]
+        wall = blend(ASPHALT * np.float32(0.62), GRAVEL, np.clip(deep * 2.2 - 0.9, 0, 1)) * broken
+        colour[near] = blend(colour[near], wall, np.clip(deep * 14, 0, 1))
+        openness[near] = 1 - 0.62 * deep
+        dusty = relief.covers(u / 1.22, v / 1.22) & (deep < 0.05)
+        colour[near] = blend(
+            colour[near], DUST, (dusty * np.clip(0.28 + 0.22 * mottle[near], 0, 0.5)).astype(np.float32)
+        )
+    else:
+        web = np.abs(np.sin(7 * np.arctan2(v, u) + 2.5 * mottle[near])) < 0.16
+        cracked = (web & (height > 0.15) & (height < 0.9)).astype(np.float32)
+        colour[near] *= (1.12 - 0.45 * cracked * np.clip(0.02 / view.pixel_m[near], 0, 1))[:, None]

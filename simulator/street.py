@@ -1,0 +1,186 @@
+"""A street as a frozen description: where it lies on the earth, its section, what stands beside it, its obstacles.
+
+Frame `street`: x along the road, y left, z up, the crown of the road at y = 0, z = 0. Traffic drives on the right, so
+that the ego lane is y < 0.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+import pymap3d
+from numpy.typing import NDArray
+
+from contract.geometry import Kind, LatLon
+from simulator.debris import Debris, broken_pallet
+from simulator.mesh import pose
+from simulator.pothole import Relief, bump, pothole
+
+FloatArray = NDArray[np.float64]
+
+LANE_CENTRE_M = -1.75
+"""Middle of the right lane of a road 7 m wide."""
+
+
+@dataclass(frozen=True, slots=True)
+class GeoReference:
+    """Origin of the `enu` frame on the WGS 84 ellipsoid."""
+
+    position: LatLon
+    altitude_m: float
+
+    def enu_from_geodetic(self, position: LatLon, altitude_m: float) -> FloatArray:
+        """(3,) east, north, up of a position."""
+        here = self.position
+        enu = pymap3d.geodetic2enu(
+            position.latitude_deg,
+            position.longitude_deg,
+            altitude_m,
+            here.latitude_deg,
+            here.longitude_deg,
+            self.altitude_m,
+        )
+        return np.array(enu, dtype=np.float64)
+
+    def geodetic_from_enu(self, enu_m: FloatArray) -> tuple[LatLon, float]:
+        """Position and altitude above the ellipsoid of a (3,) east, north, up."""
+        here = self.position
+        latitude, longitude, altitude = pymap3d.enu2geodetic(
+            *enu_m, here.latitude_deg, here.longitude_deg, self.altitude_m
+        )
+        return LatLon(latitude_deg=float(latitude), longitude_deg=float(longitude)), float(altitude)
+
+
+@dataclass(frozen=True, slots=True)
+class PlacedObstacle:
+    """An obstacle in the street, and its truth: `shape` about (x, y), turned by `yaw_rad` from the street's x.
+
+    `obstacle_id` is 1 or more; 0 means "no obstacle" in labels. A filled one is a patch in the asphalt.
+    """
+
+    obstacle_id: int
+    kind: Kind
+    x_m: float
+    y_m: float
+    yaw_rad: float
+    shape: Relief | Debris
+    filled: bool = False
+
+    def local(self, x_m: FloatArray, y_m: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Positions of the street in the obstacle's own frame."""
+        cos, sin = math.cos(self.yaw_rad), math.sin(self.yaw_rad)
+        dx, dy = x_m - self.x_m, y_m - self.y_m
+        return cos * dx + sin * dy, cos * dy - sin * dx
+
+    def covers(self, x_m: FloatArray, y_m: FloatArray) -> NDArray[np.bool_]:
+        """Whether positions of the street lie inside the footprint, filled or not."""
+        return self.shape.covers(*self.local(x_m, y_m))
+
+
+@dataclass(frozen=True, slots=True)
+class ParkedCar:
+    """A car at the roadside, its middle at (x, y); `roll_rad` when two wheels stand on the kerb."""
+
+    x_m: float
+    y_m: float
+    z_m: float
+    yaw_rad: float
+    roll_rad: float
+    colour: tuple[float, float, float]
+
+
+@dataclass(frozen=True, slots=True)
+class Street:
+    """A straight street with a crowned road, kerbs and pavements on both sides, a wall on the right, houses left.
+
+    `yaw_rad` turns the street counter-clockwise from east; its origin lies at `origin_enu_m`.
+    """
+
+    seed: int
+    obstacles: tuple[PlacedObstacle, ...] = ()
+    parked_cars: tuple[ParkedCar, ...] = ()
+    length_m: float = 320.0
+    road_width_m: float = 7.0
+    crown_slope: float = 0.02
+    kerb_height_m: float = 0.12
+    pavement_width_m: float = 2.0
+    roughness_sd_m: float = 0.002
+    yaw_rad: float = math.radians(35.0)
+    origin_enu_m: tuple[float, float, float] = (12.0, -7.5, 0.4)
+    georeference: GeoReference = field(
+        default=GeoReference(LatLon(latitude_deg=38.2466, longitude_deg=21.7346), altitude_m=60.0)
+    )
+
+    @property
+    def enu_from_street(self) -> FloatArray:
+        """(4, 4) rigid transform."""
+        return pose(*self.origin_enu_m, yaw_rad=self.yaw_rad)
+
+    def obstacle(self, obstacle_id: int) -> PlacedObstacle:
+        """The obstacle of that number; `KeyError` if there is none."""
+        return {placed.obstacle_id: placed for placed in self.obstacles}[obstacle_id]
+
+    def crown_height(self, y_m: FloatArray) -> FloatArray:
+        """Height of the sound, smooth road: it falls to both sides, rounded over the middle half metre."""
+        return -self.crown_slope * (np.sqrt(np.square(y_m) + 0.25**2) - 0.25)
+
+    def cross_slope(self, y_m: float) -> float:
+        """Derivative of the sound road's height by y."""
+        return -self.crown_slope * y_m / math.hypot(y_m, 0.25)
+
+    def enu_of(self, obstacle_id: int) -> FloatArray:
+        """(3,) east, north, up of the centre of an obstacle at the height of the sound road."""
+        placed = self.obstacle(obstacle_id)
+        centre = np.array([placed.x_m, placed.y_m, float(self.crown_height(np.array(placed.y_m))), 1.0])
+        return np.asarray((self.enu_from_street @ centre)[:3])
+
+    def position_of(self, obstacle_id: int) -> LatLon:
+        """WGS 84 position of the centre of an obstacle."""
+        return self.georeference.geodetic_from_enu(self.enu_of(obstacle_id))[0]
+
+
+def grow(street: Street, obstacle_id: int, area_factor: float) -> Street:
+    """The street after the footprint of one obstacle has become `area_factor` times as large."""
+    placed = street.obstacle(obstacle_id)
+    return _with_obstacle(street, replace(placed, shape=placed.shape.grown(area_factor)))
+
+
+def fill(street: Street, obstacle_id: int) -> Street:
+    """The street after one obstacle has been repaired or taken away."""
+    return _with_obstacle(street, replace(street.obstacle(obstacle_id), filled=True))
+
+
+def _with_obstacle(street: Street, changed: PlacedObstacle) -> Street:
+    obstacles = tuple(changed if o.obstacle_id == changed.obstacle_id else o for o in street.obstacles)
+    return replace(street, obstacles=obstacles)
+
+
+def first_light_street(seed: int, scans: Sequence[Relief] = ()) -> Street:
+    """The demo's street: two potholes, a bump and a broken pallet in the right lane, two parked cars.
+
+    Obstacles lie between x = 215 and 290 m, so that a car coming from x = 0 at 50 km/h can be warned more than ten
+    seconds ahead. With `scans` the potholes take those shapes in turn, each kept at its own size.
+    """
+    rng = np.random.default_rng(seed)
+    holes: list[Relief] = [pothole(seed, 0.90, 0.70, 0.12), pothole(seed + 1, 0.65, 0.50, 0.10)]
+    if scans:
+        holes = [scans[0], scans[1 % len(scans)].grown((0.65 / 0.90) ** 2)]
+    places: list[tuple[Kind, float, float, Relief | Debris]] = [
+        (Kind.POTHOLE, 218.0, -2.35, holes[0]),
+        (Kind.BUMP, 240.0, -1.15, bump(seed + 2, 0.90, 0.60, 0.09)),
+        (Kind.DEBRIS, 263.0, -2.75, broken_pallet(seed + 3, 0.80, 0.60, 0.30)),
+        (Kind.POTHOLE, 286.0, -1.15, holes[1]),
+    ]
+    obstacles = tuple(
+        PlacedObstacle(number, kind, x + rng.uniform(-2, 2), y + rng.uniform(-0.1, 0.1), rng.uniform(-0.6, 0.6), shape)
+        for number, (kind, x, y, shape) in enumerate(places, start=1)
+    )
+    cars = (
+        ParkedCar(231.0, 2.45, -0.05, math.pi, 0.0, (0.42, 0.05, 0.04)),
+        # Two wheels on the kerb: 12 cm over a track of 1.5 m.
+        ParkedCar(252.0, -4.05, -0.005, 0.0, -0.08, (0.10, 0.17, 0.30)),
+    )
+    return Street(seed, obstacles, cars)
