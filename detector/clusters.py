@@ -1,0 +1,138 @@
+"""From flagged points to clusters that are too much to be noise, and too small to be part of the scenery."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.ndimage import binary_dilation, label
+
+from detector.corridor import Corridor
+from detector.types import FloatArray, IntArray
+
+# Deviation that flags a point: three standard deviations, but not the texture of asphalt and patches.
+FLAG_SD = 3.0
+MIN_DEPTH_M = 0.02
+MIN_HEIGHT_M = 0.03
+# Deeper is no pothole but a reflection below the road; higher is an overhang.
+MAX_DEPTH_M = 0.5
+OVERHANG_M = 2.5
+
+CELL_M = 0.25
+# Beyond this range rings lie farther apart than a cell: cells grow with range so that neighbours stay neighbours.
+COMPRESS_FROM_M = 12.0
+MIN_POINTS = 2
+# Chi-square-like evidence: two points at six standard deviations; one point counts for at most eight.
+MIN_EVIDENCE = 36.0
+MAX_POINT_SD = 8.0
+# Obstacles on the road are lower than a car's bonnet, and shorter than a car.
+MAX_HEIGHT_M = 0.5
+MAX_EXTENT_M = 2.5
+# Kerbs, cars and walls reach over the edge; only a low hump lies across the road from edge to edge.
+EDGE_MARGIN_M = 0.25
+HUMP_HEIGHT_M = 0.15
+HUMP_MIN_WIDTH_M = 1.0
+# Of the points in a cluster's cells the flagged ones must be many; scattered outliers are few among many.
+MIN_FLAGGED_SHARE = 0.3
+
+
+@dataclass(frozen=True, slots=True)
+class Cluster:
+    """Points (indices into the arrays given) that deviate alike from the road, and the evidence for it."""
+
+    indices: IntArray
+    is_negative: bool
+    evidence: float
+
+
+@dataclass(frozen=True, slots=True)
+class Deviations:
+    """Points of the corridor: road coordinates, signed residual to the surface and its noise, each (N,), in metres."""
+
+    along_m: FloatArray
+    across_m: FloatArray
+    range_m: FloatArray
+    residual_m: FloatArray
+    noise_m: FloatArray
+
+    @property
+    def below(self) -> np.ndarray:
+        """Mask of points below the road by more than noise."""
+        limit = np.maximum(FLAG_SD * self.noise_m, MIN_DEPTH_M)
+        return (self.residual_m < -limit) & (self.residual_m > -MAX_DEPTH_M)
+
+    @property
+    def above(self) -> np.ndarray:
+        """Mask of points above the road by more than noise."""
+        limit = np.maximum(FLAG_SD * self.noise_m, MIN_HEIGHT_M)
+        return (self.residual_m > limit) & (self.residual_m < OVERHANG_M)
+
+
+def find_clusters(deviations: Deviations, candidates: np.ndarray, corridor: Corridor) -> list[Cluster]:
+    """Clusters among the candidate points (mask (N,)) that pass as obstacles on the road, holes first."""
+    clusters: list[Cluster] = []
+    for is_negative, flagged in ((True, deviations.below), (False, deviations.above)):
+        cell_of, share = _rasterise(deviations, flagged & candidates)
+        for indices in _groups(cell_of, np.flatnonzero(flagged & candidates)):
+            cluster = _verify(deviations, indices, is_negative, float(share[indices].mean()), corridor)
+            if cluster is not None:
+                clusters.append(cluster)
+    return clusters
+
+
+def _rasterise(deviations: Deviations, flagged: np.ndarray) -> tuple[IntArray, FloatArray]:
+    """Connected component of each flagged point, and the flagged share of each point's cell (N,)."""
+    scale = _compression(deviations.range_m)
+    row = np.floor(deviations.along_m * scale / CELL_M).astype(np.int64)
+    column = np.floor(deviations.across_m * scale / CELL_M).astype(np.int64)
+    if row.size == 0:
+        return np.empty(0, dtype=np.int64), np.empty(0)
+    row, column = row - row.min() + 1, column - column.min() + 1
+    shape = (int(row.max()) + 2, int(column.max()) + 2)
+    cell = row * shape[1] + column
+    hits = np.bincount(cell, minlength=shape[0] * shape[1])
+    marked = np.bincount(cell[flagged], minlength=hits.size)
+    occupied = binary_dilation((marked > 0).reshape(shape), structure=np.ones((3, 3), dtype=bool))
+    components, _ = label(occupied, structure=np.ones((3, 3), dtype=np.int64))
+    share = marked / np.maximum(hits, 1)
+    return components.ravel()[cell[flagged]], share[cell]
+
+
+def _compression(range_m: FloatArray) -> FloatArray:
+    """Factor that makes cells grow in proportion to range beyond the limit."""
+    ratio = np.maximum(range_m / COMPRESS_FROM_M, 1.0)
+    return (1.0 + np.log(ratio)) / ratio
+
+
+def _groups(component_of: IntArray, indices: IntArray) -> list[IntArray]:
+    order = np.argsort(component_of, kind="stable")
+    borders = np.flatnonzero(np.diff(component_of[order])) + 1
+    return [group for group in np.split(indices[order], borders) if group.size >= MIN_POINTS]
+
+
+def _verify(
+    deviations: Deviations, indices: IntArray, is_negative: bool, flagged_share: float, corridor: Corridor
+) -> Cluster | None:
+    residual = deviations.residual_m[indices]
+    noise = deviations.noise_m[indices]
+    evidence = float(np.sum(np.square(np.minimum(np.abs(residual) / noise, MAX_POINT_SD))))
+    if evidence < MIN_EVIDENCE or flagged_share < MIN_FLAGGED_SHARE:
+        return None
+    if _is_scenery(deviations.along_m[indices], deviations.across_m[indices], residual, is_negative, corridor):
+        return None
+    return Cluster(indices, is_negative, evidence)
+
+
+def _is_scenery(
+    along: FloatArray, across: FloatArray, residual: FloatArray, is_negative: bool, corridor: Corridor
+) -> bool:
+    """Whether a cluster is a kerb, a car, a wall or the road's edge rather than an obstacle on the road."""
+    extent_along, extent_across = np.ptp(along), np.ptp(across)
+    at_edge = across.max() > corridor.left_m - EDGE_MARGIN_M or across.min() < corridor.right_m + EDGE_MARGIN_M
+    if is_negative:
+        return bool(at_edge or max(extent_along, extent_across) > MAX_EXTENT_M)
+    height = residual.max()
+    is_hump = height < HUMP_HEIGHT_M and extent_across >= HUMP_MIN_WIDTH_M and extent_across > extent_along
+    if is_hump:
+        return bool(extent_along > MAX_EXTENT_M)
+    return bool(at_edge or height > MAX_HEIGHT_M or max(extent_along, extent_across) > MAX_EXTENT_M)

@@ -1,0 +1,72 @@
+"""What may enter the detector: finite points in metres, and a guess of the sensor's height where it is unknown."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from detector.robust import fit_tukey
+from detector.types import DetectorError, DetectorInput, Float32Array, FloatArray, IntArray
+
+# No automotive LiDAR reaches farther.
+MAX_RANGE_M = 500.0
+# The hits of a road scan have their median within some tens of metres.
+MAX_MEDIAN_RANGE_M = 150.0
+# Points nearer than this belong to the car itself.
+MIN_RANGE_M = 1.5
+
+# Ring of ground around the car in which its plane is searched.
+GROUND_RANGE_M = (3.0, 15.0)
+GROUND_BAND_M = 0.3
+MIN_GROUND_POINTS = 50
+HEIGHT_BIN_M = 0.1
+PLAUSIBLE_HEIGHT_M = (0.3, 6.0)
+
+
+def usable_points(sweep: DetectorInput) -> tuple[FloatArray, IntArray]:
+    """The points (M, 3) that can be used, as float64, and their indices (M,) in the input.
+
+    Raises DetectorError for arrays that are not (N, 3), for a height that is not positive, and for coordinates that
+    cannot be metres.
+    """
+    if not (np.isfinite(sweep.sensor_height_m) and sweep.sensor_height_m > 0.0):
+        raise DetectorError(f"sensor_height_m is {sweep.sensor_height_m}: give the sensor's height over the road, > 0")
+    if not np.isfinite(sweep.curvature_per_m):
+        raise DetectorError("curvature_per_m is not finite: give 0 where the steering is unknown")
+    points = _finite_points(sweep.points_m)
+    range_m = np.hypot(points[:, 0], points[:, 1])
+    usable = np.isfinite(range_m) & np.isfinite(points[:, 2])
+    median = float(np.median(range_m[usable])) if usable.any() else 0.0
+    if median > MAX_MEDIAN_RANGE_M:
+        raise DetectorError(
+            f"the median point lies {median:.0f} m away, no LiDAR sees a road like that: are the points in millimetres "
+            "or in map coordinates? Metres in the sensor frame are expected"
+        )
+    indices = np.flatnonzero(usable & (range_m > MIN_RANGE_M) & (range_m < MAX_RANGE_M))
+    return points[indices], indices
+
+
+def _finite_points(points_m: Float32Array) -> FloatArray:
+    if points_m.ndim != 2 or points_m.shape[1] != 3:
+        raise DetectorError(f"points_m has shape {points_m.shape}: (N, 3) is expected")
+    return points_m.astype(np.float64)
+
+
+def estimate_sensor_height(points_m: Float32Array) -> float:
+    """Height in metres of the sensor above the plane of the road around it, from points (N, 3) in its frame.
+
+    Raises DetectorError where no ground is seen between 3 and 15 m.
+    """
+    points = _finite_points(points_m)
+    range_m = np.hypot(points[:, 0], points[:, 1])
+    with np.errstate(invalid="ignore"):
+        ring = (range_m > GROUND_RANGE_M[0]) & (range_m < GROUND_RANGE_M[1]) & np.isfinite(points[:, 2])
+        ring &= (points[:, 2] < -PLAUSIBLE_HEIGHT_M[0]) & (points[:, 2] > -PLAUSIBLE_HEIGHT_M[1])
+    if ring.sum() < MIN_GROUND_POINTS:
+        raise DetectorError("no ground between 3 and 15 m around the sensor: give its height")
+    ground = points[ring]
+    edges = np.arange(-PLAUSIBLE_HEIGHT_M[1], 0.0, HEIGHT_BIN_M)
+    counts, _ = np.histogram(ground[:, 2], edges)
+    mode = edges[int(np.argmax(counts))] + HEIGHT_BIN_M / 2.0
+    ground = ground[np.abs(ground[:, 2] - mode) < GROUND_BAND_M]
+    terms = np.stack([np.ones(len(ground)), ground[:, 0] / 10.0, ground[:, 1] / 10.0], axis=1)
+    return -float(fit_tukey(terms, ground[:, 2], np.ones(len(ground)), cutoff_sd=4.685, floor_sd=0.01)[0])
