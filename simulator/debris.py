@@ -67,9 +67,10 @@ def broken_pallet(seed: int, length_m: float, width_m: float, height_m: float) -
     bearers = [box(1.0, 0.09, 0.10).moved(pose(0, y, 0)) for y in (-0.38, 0.0, 0.38)]
     xs = np.linspace(-0.43, 0.43, 6) + rng.normal(0, 0.01, 6)
     boards = [box(0.11, 0.86, 0.022).moved(pose(x, 0, 0.10, rng.normal(0, 0.02))) for x in xs]
-    loose = box(0.10, 0.62, 0.02).moved(pose(0.12, -0.05, 0.15, rng.uniform(0.5, 0.9), roll_rad=0.12))
-    block = box(0.16, 0.16, 0.15).moved(pose(-0.38, 0.3, 0.0, 0.3))
-    raised = joined([*bearers, *boards, loose]).moved(pose(0, 0, 0.16, pitch_rad=0.16, roll_rad=0.08))
+    loose = box(0.10, 0.62, 0.02).moved(pose(0.12, -0.05, 0.16, rng.uniform(0.5, 0.9), roll_rad=0.12))
+    block = box(0.20, 0.20, 0.14).moved(pose(-0.33, 0.20, 0.0, 0.3))
+    # Its front edge, at x = 0.5, stays on the road.
+    raised = joined([*bearers, *boards, loose]).moved(pose(0, 0, 0.5 * math.sin(0.16), pitch_rad=0.16))
     return Debris(_fitted(joined([raised, block]), length_m, width_m, height_m))
 
 

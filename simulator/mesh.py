@@ -80,11 +80,3 @@ def cylinder(radius_m: float, height_m: float, top_radius_m: float | None = None
     rings = [(0.0, 0.0), (radius_m, 0.0), (top, height_m), (0.0, height_m)]
     lattice = np.array([[[r * np.cos(a), r * np.sin(a), z] for a in angles] for r, z in rings])
     return grid(lattice)
-
-
-def sphere(radius_m: float, rows: int = 16) -> Mesh:
-    """Sphere about the origin."""
-    polar, azimuth = np.meshgrid(np.linspace(0, np.pi, rows), np.linspace(0, 2 * np.pi, 2 * rows), indexing="ij")
-    return grid(
-        radius_m * np.stack([np.sin(polar) * np.cos(azimuth), np.sin(polar) * np.sin(azimuth), np.cos(polar)], -1)
-    )

@@ -12,8 +12,8 @@ from simulator.view import Paint, View, blend, repeated, rgb, step, stripe
 
 Float32Array = NDArray[np.float32]
 
-ASPHALT, FRESH_ASPHALT = rgb(0.118, 0.114, 0.108), rgb(0.050, 0.050, 0.052)
-GRAVEL, DUST, WHITE = rgb(0.085, 0.072, 0.058), rgb(0.20, 0.17, 0.13), rgb(0.62, 0.61, 0.57)
+ASPHALT, FRESH_ASPHALT = rgb(0.088, 0.088, 0.088), rgb(0.040, 0.040, 0.043)
+GRAVEL, DUST, WHITE = rgb(0.060, 0.050, 0.040), rgb(0.20, 0.17, 0.13), rgb(0.62, 0.61, 0.57)
 
 GRAIN_M, MOTTLE_M, PATCH_M = 0.004, 0.03, 0.35
 """Texel sizes: aggregate of asphalt concrete, its mottling, and stains."""
@@ -41,7 +41,7 @@ class AsphaltPaint:
         grain = self._grain.at(x, y) * np.clip(0.011 / along, 0.08, 1)
         mottle = self._mottle.smooth(x, y)
         stains = self._stains.smooth(x, y)
-        tone = 1 + 0.20 * grain + 0.10 * mottle + 0.10 * stains - _polish(y)
+        tone = 1 + 0.22 * grain + 0.10 * mottle + 0.13 * stains - _polish(y)
         colour = ASPHALT * np.maximum(tone, 0.25)[:, None]
         colour = self._repaired(colour, x, y, view.pixel_m)
         colour *= 1 - 0.62 * self._cracks(x, y, along)[:, None]
@@ -101,7 +101,7 @@ def _polish(y: Float32Array) -> Float32Array:
     """Tyres polish and darken their paths; oil darkens the middle of a lane a little."""
     paths = sum(np.exp(-np.square((y - path) / 0.34)) for path in WHEEL_PATHS_M)
     oil = np.exp(-np.square((np.abs(y) - 1.75) / 0.30))
-    return np.asarray(0.17 * paths + 0.07 * oil, dtype=np.float32)
+    return np.asarray(0.20 * paths + 0.07 * oil, dtype=np.float32)
 
 
 def _repairs(street: Street, rng: np.random.Generator) -> list[tuple[float, float, float, float, float]]:
@@ -141,10 +141,10 @@ def _paint_obstacle(
     height = (relief.height_at(u, v) / relief.relief_m).astype(np.float32)
     if height.min() < -0.2:
         deep = np.clip(-height, 0, 1)
-        broken = np.maximum(1 + 0.55 * mix + 0.30 * mottle[near], 0.25)[:, None]
-        wall = blend(ASPHALT * np.float32(0.62), GRAVEL, np.clip(deep * 2.2 - 0.9, 0, 1)) * broken
+        broken = np.maximum(1 + 0.45 * mix + 0.30 * mottle[near], 0.25)[:, None]
+        wall = blend(ASPHALT * np.float32(0.5), GRAVEL, np.clip(deep * 2.2 - 0.9, 0, 1)) * broken
         colour[near] = blend(colour[near], wall, np.clip(deep * 14, 0, 1))
-        openness[near] = 1 - 0.62 * deep
+        openness[near] = 1 - 0.80 * deep
         dusty = relief.covers(u / 1.22, v / 1.22) & (deep < 0.05)
         colour[near] = blend(
             colour[near], DUST, (dusty * np.clip(0.28 + 0.22 * mottle[near], 0, 0.5)).astype(np.float32)

@@ -17,7 +17,7 @@ CONCRETE, MORTAR, BRICK, COPING = (
     rgb(0.33, 0.145, 0.085),
     rgb(0.42, 0.40, 0.36),
 )
-SLAB, GRASS, DRY_GRASS = rgb(0.30, 0.285, 0.26), rgb(0.085, 0.135, 0.035), rgb(0.20, 0.18, 0.08)
+SLAB, GRASS, DRY_GRASS = rgb(0.30, 0.285, 0.26), rgb(0.060, 0.085, 0.028), rgb(0.15, 0.135, 0.07)
 
 SLAB_M, KERB_STONE_M = 0.5, 1.0
 BRICK_LENGTH_M, BRICK_HEIGHT_M, JOINT_HALF_M = 0.25, 0.083, 0.006
@@ -92,8 +92,7 @@ class StonePaint:
         """Foliage: light and dark tufts, darker inside and below."""
         x, y, z = view.point_m.T
         tufts = self._coarse.smooth(x + 0.7 * z, y + 0.9 * z)
-        leaf = self._fine.at(x * 0.5 + z * 0.3, y * 0.5 + z * 0.4) * np.clip(0.02 / view.pixel_m, 0, 1)
-        tone = np.clip(1 + 0.40 * tufts + 0.35 * leaf, 0.15, 2.2)
+        tone = np.clip(1 + 0.30 * tufts, 0.3, 2.0)
         below = np.clip((local_m[:, 2] - 2.4) / 3.0, 0.25, 1)
         return Paint.matt(colour * (tone * below)[:, None], 0.75 * below)
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from simulator import car
 from simulator.debris import Debris
-from simulator.mesh import Mesh, box, cylinder, extruded, grid, joined, pose, sphere
+from simulator.mesh import Mesh, box, cylinder, extruded, grid, joined, pose
 from simulator.street import Street
 from simulator.terrain import DRAWN_BEYOND_M, Terrain
 
@@ -53,14 +53,16 @@ class Part:
 WALL_Y_M, WALL_THICKNESS_M, WALL_HEIGHT_M = -5.5, 0.25, 1.5
 HOUSE_FRONT_M = 7.2
 PLASTERS: tuple[Colour, ...] = (
-    (0.72, 0.62, 0.45),
-    (0.78, 0.74, 0.66),
-    (0.62, 0.38, 0.26),
-    (0.55, 0.60, 0.62),
-    (0.80, 0.70, 0.52),
-    (0.70, 0.52, 0.42),
+    (0.46, 0.37, 0.24),
+    (0.50, 0.47, 0.41),
+    (0.38, 0.21, 0.14),
+    (0.33, 0.37, 0.39),
+    (0.52, 0.42, 0.22),
+    (0.44, 0.29, 0.23),
+    (0.24, 0.29, 0.24),
 )
-GREENS: tuple[Colour, ...] = ((0.075, 0.13, 0.03), (0.10, 0.15, 0.035), (0.055, 0.11, 0.035), (0.12, 0.145, 0.045))
+TUFTS, TUFT_HALF_M = 3_000, 0.10
+GREENS: tuple[Colour, ...] = ((0.11, 0.17, 0.04), (0.14, 0.19, 0.045), (0.085, 0.15, 0.045), (0.16, 0.18, 0.06))
 
 
 def furnish(terrain: Terrain) -> list[Part]:
@@ -136,7 +138,7 @@ def _trees(street: Street, rng: np.random.Generator) -> list[Part]:
     parts: list[Part] = []
     x = -60.0
     while x < street.length_m + DRAWN_BEYOND_M:
-        at = pose(x, rng.uniform(-12.0, -9.0), 0.0, rng.uniform(0, 6))
+        at = pose(x, rng.uniform(-12.0, -9.2), 0.0, rng.uniform(0, 6))
         height = rng.uniform(3.0, 4.6)
         parts.append(Part(Surface.TRUNK, cylinder(0.17, height, 0.10, 10), at, (0.09, 0.065, 0.045)))
         parts.append(Part(Surface.TREE, _crown(rng, height), at, GREENS[rng.integers(len(GREENS))]))
@@ -145,14 +147,17 @@ def _trees(street: Street, rng: np.random.Generator) -> list[Part]:
 
 
 def _crown(rng: np.random.Generator, trunk_m: float) -> Mesh:
-    """Several bristly spheres about the top of the trunk."""
-    blobs = []
-    for _ in range(9):
-        ball = sphere(rng.uniform(0.8, 1.5), rows=18)
-        bristles = 1 + 0.13 * rng.standard_normal((len(ball.vertices_m), 1))
-        middle = pose(rng.normal(0, 0.85), rng.normal(0, 0.85), trunk_m + rng.uniform(-0.3, 1.6), rng.uniform(0, 6))
-        blobs.append(Mesh(ball.vertices_m * bristles, ball.triangles).moved(middle))
-    return joined(blobs)
+    """Tufts of leaves, each a square turned at random, in several balls about the top of the trunk."""
+    balls = np.stack([rng.normal(0, 0.8, 9), rng.normal(0, 0.8, 9), trunk_m + rng.uniform(-0.4, 1.7, 9)], axis=1)
+    radii = rng.uniform(0.7, 1.3, 9)
+    ball = rng.integers(0, 9, TUFTS)
+    outwards = rng.standard_normal((TUFTS, 3))
+    outwards /= np.linalg.norm(outwards, axis=1, keepdims=True)
+    centre = balls[ball] + outwards * (radii[ball] * rng.uniform(0.55, 1.0, TUFTS))[:, None]
+    edges = rng.normal(0, TUFT_HALF_M, (2, TUFTS, 1, 3))
+    corners = centre[:, None] + np.concatenate([-edges[0], edges[1], edges[0], -edges[1]], axis=1)
+    triangles = 4 * np.repeat(np.arange(TUFTS), 2)[:, None] + np.tile([[0, 1, 2], [0, 2, 3]], (TUFTS, 1))
+    return Mesh(corners.reshape(-1, 3), triangles)
 
 
 def _lamps(street: Street) -> list[Part]:
@@ -184,7 +189,7 @@ def _debris(terrain: Terrain) -> list[Part]:
             z = float(terrain.height_at(np.array([placed.x_m]), np.array([placed.y_m]))[0])
             slope = terrain.street.cross_slope(placed.y_m)
             lying = pose(placed.x_m, placed.y_m, z, roll_rad=math.atan(slope)) @ pose(0, 0, 0, placed.yaw_rad)
-            parts.append(Part(Surface.DEBRIS, placed.shape.mesh, lying, (0.36, 0.24, 0.13), placed.obstacle_id))
+            parts.append(Part(Surface.DEBRIS, placed.shape.mesh, lying, (0.25, 0.175, 0.105), placed.obstacle_id))
     return parts
 
 

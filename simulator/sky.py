@@ -20,10 +20,10 @@ def _unit(x: float, y: float, z: float) -> Float32Array:
 SUN_DIRECTION = _unit(-0.30, -0.72, 0.80)
 """Towards the sun: behind the car on the right, so that holes show a shaded wall and a lit one."""
 
-SUN_LIGHT = np.array([2.35, 2.12, 1.75], dtype=np.float32)
-SKY_LIGHT = np.array([0.42, 0.52, 0.68], dtype=np.float32)
-HAZE = np.array([0.60, 0.68, 0.76], dtype=np.float32)
-ZENITH = np.array([0.11, 0.25, 0.52], dtype=np.float32)
+SUN_LIGHT = np.array([2.30, 2.06, 1.66], dtype=np.float32)
+SKY_LIGHT = np.array([0.44, 0.50, 0.60], dtype=np.float32)
+HAZE = np.array([0.50, 0.60, 0.72], dtype=np.float32)
+ZENITH = np.array([0.06, 0.19, 0.48], dtype=np.float32)
 CLOUD = np.array([1.05, 1.05, 1.06], dtype=np.float32)
 
 

@@ -179,8 +179,8 @@ def first_light_street(seed: int, scans: Sequence[Relief] = ()) -> Street:
         for number, (kind, x, y, shape) in enumerate(places, start=1)
     )
     cars = (
-        ParkedCar(231.0, 2.45, -0.05, math.pi, 0.0, (0.42, 0.05, 0.04)),
+        ParkedCar(231.0, 2.45, -0.05, math.pi, 0.0, (0.20, 0.018, 0.016)),
         # Two wheels on the kerb: 12 cm over a track of 1.5 m.
-        ParkedCar(252.0, -4.05, -0.005, 0.0, -0.08, (0.10, 0.17, 0.30)),
+        ParkedCar(252.0, -4.05, -0.005, 0.0, -0.08, (0.045, 0.085, 0.16)),
     )
     return Street(seed, obstacles, cars)
