@@ -1,4 +1,4 @@
-"""What the last metres of road looked like: hits near the road of successive sweeps, kept in `odom` with their origin."""
+"""What the last metres of road looked like: hits near the road of successive sweeps, in `odom`, with their origins."""
 
 from __future__ import annotations
 
@@ -72,7 +72,8 @@ def accumulate(state: Accumulator, sweep: DetectorInput, detection: FrameDetecti
 def hits_around(state: Accumulator, centre_odom_xy: FloatArray, half_size_m: float = 1.5) -> PlaceHits:
     """All hits in the square window about a place (2,) in `odom`; frames are renumbered from 0, oldest first."""
     centre = np.asarray(centre_odom_xy, dtype=np.float64)[:2]
-    points, frames, origins = [np.empty((0, 3))], [np.empty(0, dtype=np.int64)], []
+    points, frames = [np.empty((0, 3))], [np.empty(0, dtype=np.int64)]
+    origins: list[FloatArray] = []
     for keyframe in state.keyframes:
         middle = (centre - keyframe.origin_odom_m[:2]).astype(np.float32)
         if np.abs(middle).max() > MAX_RANGE_M + half_size_m:

@@ -29,9 +29,28 @@ MAX_POINT_SD = 8.0
 MAX_HEIGHT_M = 0.5
 MAX_EXTENT_M = 2.5
 # Kerbs, cars and walls reach over the edge; only a low hump lies across the road from edge to edge.
-EDGE_MARGIN_M = 0.25
+EDGE_MARGIN_M = 0.2
 HUMP_HEIGHT_M = 0.15
 HUMP_MIN_WIDTH_M = 1.0
+# A hole is verified by the road seen before and behind it: at most this far, plus what ring spacing (growing with the
+# square of range) leaves unseen.
+BORDER_REACH_M = 1.0
+BORDER_REACH_PER_M2 = 0.008
+AZIMUTH_MARGIN_RAD = 0.01
+# A stripe along one ring, far longer than the gaps to the rings beside it are wide, is that ring's calibration.
+MAX_STRIPE_RATIO = 3.0
+# This many hits within this width sample it densely enough to say that it is a stone's gap and no pothole.
+DENSE_HITS = 4
+MIN_HOLE_WIDTH_M = 0.12
+# Of the hits between a hole's nearest and farthest the flagged ones must be most.
+MIN_INNER_SHARE = 0.5
+# A ray reaches a hole's floor only past its near rim; what the depth's noise and the rim's shape may hide of that.
+RIM_SLACK_M = 0.25
+# Beyond this range a few hits decide: no hole is told from a wave of the road, and only what stands high from a hump.
+MAX_HOLE_RANGE_M = 25.0
+MIN_FAR_HEIGHT_M = 0.15
+# Behind this the car sees nothing that it did not see nearer before.
+BEHIND_M = 12.0
 # Of the points in a cluster's cells the flagged ones must be many; scattered outliers are few among many.
 MIN_FLAGGED_SHARE = 0.3
 
@@ -47,13 +66,20 @@ class Cluster:
 
 @dataclass(frozen=True, slots=True)
 class Deviations:
-    """Points of the corridor: road coordinates, signed residual to the surface and its noise, each (N,), in metres."""
+    """Points of the corridor: road coordinates, signed residual to the surface and its noise, each (N,), in metres,
+    and the sensor's height over the road."""
 
     along_m: FloatArray
     across_m: FloatArray
     range_m: FloatArray
     residual_m: FloatArray
     noise_m: FloatArray
+    sensor_height_m: float
+
+    @property
+    def azimuth_rad(self) -> FloatArray:
+        """Direction (N,) of each point about the sensor, along the road's curve."""
+        return np.arctan2(self.across_m, self.along_m)
 
     @property
     def below(self) -> np.ndarray:
@@ -71,6 +97,7 @@ class Deviations:
 def find_clusters(deviations: Deviations, candidates: np.ndarray, corridor: Corridor) -> list[Cluster]:
     """Clusters among the candidate points (mask (N,)) that pass as obstacles on the road, holes first."""
     clusters: list[Cluster] = []
+    candidates = candidates & (deviations.along_m > -BEHIND_M)
     for is_negative, flagged in ((True, deviations.below), (False, deviations.above)):
         cell_of, share = _rasterise(deviations, flagged & candidates)
         for indices in _groups(cell_of, np.flatnonzero(flagged & candidates)):
@@ -120,6 +147,8 @@ def _verify(
         return None
     if _is_scenery(deviations.along_m[indices], deviations.across_m[indices], residual, is_negative, corridor):
         return None
+    if is_negative and not _has_road_around(deviations, indices):
+        return None
     return Cluster(indices, is_negative, evidence)
 
 
@@ -133,6 +162,38 @@ def _is_scenery(
         return bool(at_edge or max(extent_along, extent_across) > MAX_EXTENT_M)
     height = residual.max()
     is_hump = height < HUMP_HEIGHT_M and extent_across >= HUMP_MIN_WIDTH_M and extent_across > extent_along
+    if along.min() > MAX_HOLE_RANGE_M and height < MIN_FAR_HEIGHT_M:
+        return True
     if is_hump:
         return bool(extent_along > MAX_EXTENT_M)
     return bool(at_edge or height > MAX_HEIGHT_M or max(extent_along, extent_across) > MAX_EXTENT_M)
+
+
+def _has_road_around(deviations: Deviations, indices: IntArray) -> bool:
+    """Whether the rays show the road before and behind a hole, with room for its depth, and more than one ring's fault.
+
+    A ray that ends at depth d crossed the road's level d / tan(its angle) before; no road can be hit between.
+    """
+    range_m = deviations.range_m[indices]
+    nearest, farthest = float(range_m.min()), float(range_m.max())
+    azimuth = deviations.azimuth_rad
+    offset = np.remainder(azimuth - azimuth[indices[0]] + np.pi, 2.0 * np.pi) - np.pi
+    width = float(np.ptp(offset[indices])) * nearest
+    if farthest > MAX_HOLE_RANGE_M or (width < MIN_HOLE_WIDTH_M and indices.size >= DENSE_HITS):
+        return False
+    low, high = offset[indices].min() - AZIMUTH_MARGIN_RAD, offset[indices].max() + AZIMUTH_MARGIN_RAD
+    beside = (offset >= low) & (offset <= high)
+    inner = beside & (deviations.range_m >= nearest) & (deviations.range_m <= farthest)
+    if indices.size < MIN_INNER_SHARE * inner.sum():
+        return False
+    road = deviations.range_m[beside & ~deviations.below & ~deviations.above]
+    before, behind = road[road < nearest], road[road > farthest]
+    if before.size == 0 or behind.size == 0:
+        return False
+    gap_before, gap_behind = nearest - float(before.max()), float(behind.min()) - farthest
+    if width > MAX_STRIPE_RATIO * (farthest - nearest + gap_before + gap_behind):
+        return False
+    depth = np.maximum(-deviations.residual_m[indices] - FLAG_SD * deviations.noise_m[indices], 0.0)
+    entry = float(np.median(range_m - depth * range_m / deviations.sensor_height_m))
+    reach = BORDER_REACH_M + BORDER_REACH_PER_M2 * farthest**2
+    return max(gap_before, gap_behind) < reach and entry > float(before.max()) - RIM_SLACK_M

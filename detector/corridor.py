@@ -23,6 +23,8 @@ LATERAL_CELL_M = 0.25
 KERB_REACH_M = (-10.0, 24.0)
 # Steps found in at least this share of the chunks that were seen make an edge; a single thing on the road does not.
 EDGE_SUPPORT = 0.4
+EDGE_SPREAD_CELLS = 2
+MIN_EDGE_CHUNKS = 3
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,14 +84,18 @@ def _lateral_profile(along_m: FloatArray, across_m: FloatArray, height_m: FloatA
 
 
 def _edge_offset(heights: FloatArray) -> float:
-    """Offset of the first rise going outward (columns) that most chunks (rows) share."""
+    """Offset of the first rise going outward (columns) that most chunks (rows) seen there share."""
     rise = heights[:, 2:] - heights[:, :-2]
-    seen = np.isfinite(rise).sum(axis=1) > 4
     steps = rise > KERB_STEP_M
-    first_cell = int(NEAREST_EDGE_M / LATERAL_CELL_M) - 1
-    steps[:, :first_cell] = False
-    found = steps.any(axis=1) & seen
-    if seen.sum() < 3 or found.sum() < EDGE_SUPPORT * seen.sum():
+    steps[:, : int(NEAREST_EDGE_M / LATERAL_CELL_M) - 1] = False
+    found = np.flatnonzero(steps.any(axis=1))
+    if found.size < MIN_EDGE_CHUNKS:
         return DEFAULT_HALF_WIDTH_M
-    offsets = (np.argmax(steps[found], axis=1) + 1.0) * LATERAL_CELL_M
-    return float(min(np.median(offsets), FARTHEST_EDGE_M))
+    first = np.argmax(steps[found], axis=1)
+    column = int(np.median(first))
+    agreeing = int((np.abs(first - column) <= EDGE_SPREAD_CELLS).sum())
+    seen = int(np.isfinite(rise[:, max(column - 1, 0) : column + 2]).any(axis=1).sum())
+    if agreeing < max(MIN_EDGE_CHUNKS, EDGE_SUPPORT * seen):
+        return DEFAULT_HALF_WIDTH_M
+    # The rise from cell i to i + 2 lies at the outer border of cell i + 1, or a little inside it.
+    return float(min((column + 1.5) * LATERAL_CELL_M, FARTHEST_EDGE_M))

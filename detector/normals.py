@@ -1,4 +1,4 @@
-"""Normals of points, both ways: the mean of the face normals around a point, and the normal of the plane through them."""
+"""Normals of points, both ways: the mean of the face normals around a point, and the normal of its plane (PCA)."""
 
 from __future__ import annotations
 

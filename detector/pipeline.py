@@ -78,7 +78,8 @@ def _strip(points: FloatArray, corridor: Corridor, sweep: DetectorInput) -> Stri
     range_m = np.hypot(along, across)
     residual = z - surface.height_m(along, across) if surface else z
     noise = surface.noise_at(range_m) if surface else z
-    return Strip(indices, Deviations(along, across, range_m, residual, noise), corridor.contains(along, across))
+    deviations = Deviations(along, across, range_m, residual, noise, sweep.sensor_height_m)
+    return Strip(indices, deviations, corridor.contains(along, across))
 
 
 def _deviation_saliency(strip: Strip, count: int) -> FloatArray:

@@ -89,7 +89,7 @@ def cast(
     `near` (x, y, radius) casts only the rays that meet flat ground there. `pitch` tilts the sensor without the pose
     knowing, as odometry's error does.
     """
-    rng = np.random.default_rng([seed, int(round(x * 1000)) + 10_000_000])
+    rng = np.random.default_rng([seed, round(x * 1000) + 10_000_000])
     road_z = float(street.ground(np.array([x]), np.array([y]))[0])
     origin = np.array([x, y, road_z + lidar.height])
     rays = lidar.directions
