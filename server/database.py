@@ -1,0 +1,97 @@
+"""The database behind the service: connections, transactions, and which failures are worth a retry."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import AsyncIterator
+from contextlib import AsyncExitStack, asynccontextmanager
+
+from sqlalchemy import Connection, event
+from sqlalchemy.engine.interfaces import DBAPIConnection
+from sqlalchemy.exc import DBAPIError
+from sqlalchemy.ext.asyncio import AsyncConnection, AsyncEngine, create_async_engine
+from sqlalchemy.pool import ConnectionPoolEntry
+
+from server.errors import UnavailableError
+
+_BUSY_TIMEOUT_MS = 5_000
+# PostgreSQL: serialization failure, deadlock, unique violation.
+_STATES_WORTH_A_RETRY = frozenset({"40001", "40P01", "23505"})
+_SQLITE_WORTH_A_RETRY = ("database is locked", "UNIQUE constraint failed")
+_WRITES = "headsup_writes"
+
+
+class Database:
+    """An engine and its two kinds of transaction. Made by `Database.open`, ended by `close`."""
+
+    def __init__(self, engine: AsyncEngine) -> None:
+        self._engine = engine
+        # SQLite has one writer: queueing here is fair, where its busy handler would let some wait for ever.
+        self._writer = asyncio.Lock() if engine.dialect.name == "sqlite" else None
+
+    @classmethod
+    def open(cls, url: str) -> Database:
+        """A database by its SQLAlchemy URL; nothing is connected yet."""
+        engine = create_async_engine(url, pool_pre_ping=True)
+        if engine.dialect.name == "sqlite":
+            event.listen(engine.sync_engine, "connect", _configure_sqlite)
+            event.listen(engine.sync_engine, "begin", _begin_sqlite)
+        return cls(engine)
+
+    @property
+    def is_sqlite(self) -> bool:
+        """Whether it is the embedded database."""
+        return self._writer is not None
+
+    @asynccontextmanager
+    async def read(self) -> AsyncIterator[AsyncConnection]:
+        """A connection for reading, in one transaction."""
+        async with AsyncExitStack() as stack:
+            yield await self._connected(stack)
+
+    @asynccontextmanager
+    async def write(self) -> AsyncIterator[AsyncConnection]:
+        """A transaction that commits at the end of the block, or rolls back when it raises."""
+        async with AsyncExitStack() as stack:
+            if self._writer is not None:
+                await stack.enter_async_context(self._writer)
+            connection = await self._connected(stack)
+            await connection.execution_options(**{_WRITES: True})
+            await stack.enter_async_context(connection.begin())
+            yield connection
+
+    async def _connected(self, stack: AsyncExitStack) -> AsyncConnection:
+        try:
+            return await stack.enter_async_context(self._engine.connect())
+        except OSError as error:
+            raise UnavailableError("the database cannot be reached") from error
+
+    async def close(self) -> None:
+        """Close all connections."""
+        await self._engine.dispose()
+
+
+def is_worth_a_retry(error: DBAPIError) -> bool:
+    """Whether the same transaction may succeed when it is tried again.
+
+    A lost connection is: report ids make a second attempt harmless even if the first has committed. So is a unique
+    violation: another transaction has just written the same row, and the next attempt will see it.
+    """
+    if error.connection_invalidated or getattr(error.orig, "sqlstate", None) in _STATES_WORTH_A_RETRY:
+        return True
+    return str(error.orig).startswith(_SQLITE_WORTH_A_RETRY)
+
+
+def _configure_sqlite(connection: DBAPIConnection, _entry: ConnectionPoolEntry) -> None:
+    # The driver must not begin transactions of its own accord; `_begin_sqlite` does.
+    connection.isolation_level = None
+    cursor = connection.cursor()
+    for pragma in ("journal_mode=WAL", "synchronous=FULL", "foreign_keys=ON", f"busy_timeout={_BUSY_TIMEOUT_MS}"):
+        cursor.execute(f"PRAGMA {pragma}")
+    cursor.close()
+
+
+def _begin_sqlite(connection: Connection) -> None:
+    writes = connection.get_execution_options().get(_WRITES, False)
+    # A deferred transaction that turns into a write fails as busy; an immediate one waits its turn.
+    connection.exec_driver_sql("BEGIN IMMEDIATE" if writes else "BEGIN")

@@ -1,0 +1,83 @@
+"""`WebSocket /v1/events`: the edge between a vehicle's connection and its subscription."""
+
+from __future__ import annotations
+
+import asyncio
+
+from fastapi import WebSocket
+from fastapi.websockets import WebSocketDisconnect
+from pydantic import ValidationError
+from starlette.websockets import WebSocketState
+
+from contract.events import SUBPROTOCOL, Position, ServerMessage
+from server.errors import ServiceError, UnauthenticatedError, problem_of
+from server.keys import Keys
+from server.service import Service
+from server.stream import Hub, Subscription
+
+_BAD_MESSAGE, _KEY_REVOKED, _WRONG_VERSION, _TRY_AGAIN_LATER = 4400, 4401, 4426, 1013
+# A revoked key is cut off within this time.
+_KEY_CHECK_INTERVAL_S = 30.0
+
+
+async def serve_events(socket: WebSocket, service: Service, hub: Hub, keys: Keys) -> None:
+    """Serve one connection until it ends. Refuses with 401 before accepting, closes with 4400, 4401 or 4426 after."""
+    authorization = socket.headers.get("authorization")
+    try:
+        await keys.caller(authorization)
+    except ServiceError as error:
+        await socket.send_denial_response(problem_of(error))
+        return
+    if SUBPROTOCOL not in socket.scope["subprotocols"]:
+        await socket.accept()
+        await socket.close(_WRONG_VERSION, f"subprotocol {SUBPROTOCOL} is needed")
+        return
+    await socket.accept(subprotocol=SUBPROTOCOL)
+    await _converse(socket, service, hub, keys, authorization)
+
+
+async def _converse(socket: WebSocket, service: Service, hub: Hub, keys: Keys, authorization: str | None) -> None:
+    async def send(message: ServerMessage) -> None:
+        await socket.send_text(message.model_dump_json())
+
+    subscription = Subscription(service.near, send)
+    hub.add(subscription)
+    tasks = {
+        asyncio.create_task(_receive(socket, subscription)),
+        asyncio.create_task(subscription.run()),
+        asyncio.create_task(_watch_key(keys, authorization)),
+    }
+    try:
+        done, _ = await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
+    finally:
+        hub.remove(subscription)
+        for task in tasks:
+            task.cancel()
+        await asyncio.gather(*tasks, return_exceptions=True)
+    await _close(socket, next(iter(done)))
+
+
+async def _receive(socket: WebSocket, subscription: Subscription) -> None:
+    while True:
+        subscription.move(Position.model_validate_json(await socket.receive_text()))
+
+
+async def _watch_key(keys: Keys, authorization: str | None) -> None:
+    while True:
+        await asyncio.sleep(_KEY_CHECK_INTERVAL_S)
+        await keys.caller(authorization)
+
+
+async def _close(socket: WebSocket, ended: asyncio.Task[None]) -> None:
+    """Close with the code that belongs to what ended the conversation."""
+    error = ended.exception()
+    if socket.client_state is not WebSocketState.CONNECTED or isinstance(error, WebSocketDisconnect):
+        return
+    if isinstance(error, ValidationError | KeyError):
+        await socket.close(_BAD_MESSAGE, "a message was not a position of the contract")
+    elif isinstance(error, UnauthenticatedError):
+        await socket.close(_KEY_REVOKED, "the key was revoked")
+    else:
+        await socket.close(_TRY_AGAIN_LATER, "try again")
+        if error is not None:
+            raise error

@@ -1,0 +1,121 @@
+"""API keys: made once, stored hashed, checked on every request; and the witness behind a key."""
+
+from __future__ import annotations
+
+import hashlib
+import hmac
+import secrets
+from collections.abc import Sequence
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from enum import StrEnum
+from uuid import UUID, uuid4
+
+from pydantic import SecretStr
+from sqlalchemy import RowMapping, select, update
+
+from server.database import Database
+from server.errors import ForbiddenError, UnauthenticatedError
+from server.tables import api_key
+
+_OPEN, _BOOTSTRAP = "open", "bootstrap"
+
+
+class Role(StrEnum):
+    """What a key may do: everyone reads, vehicles and operators post."""
+
+    VEHICLE = "vehicle"
+    READER = "reader"
+    OPERATOR = "operator"
+
+
+@dataclass(frozen=True, slots=True)
+class Caller:
+    """Who sent a request."""
+
+    key_id: str
+    role: Role
+
+    @property
+    def is_anonymous(self) -> bool:
+        """Whether the server runs open, without keys."""
+        return self.key_id == _OPEN
+
+    def must_be_able_to_post(self) -> None:
+        """Refuse a reader."""
+        if self.role is Role.READER:
+            raise ForbiddenError("a key of role reader may not post observations: use one of role vehicle")
+
+
+def witness_name(caller: Caller, pseudonym: str, secret: str) -> str:
+    """Keyed hash that stands for the caller; without keys, for the pseudonym that the report carries."""
+    who = f"pseudonym:{pseudonym}" if caller.is_anonymous else f"key:{caller.key_id}"
+    return hmac.new(secret.encode(), who.encode(), hashlib.sha256).hexdigest()[:32]
+
+
+class Keys:
+    """The keys of a database, and the one from the settings."""
+
+    def __init__(self, database: Database, bootstrap: SecretStr | None) -> None:
+        self._database = database
+        self._bootstrap_sha256 = None if bootstrap is None else _sha256(bootstrap.get_secret_value())
+
+    async def caller(self, authorization: str | None) -> Caller:
+        """Who an `Authorization` header stands for."""
+        if authorization is None:
+            return await self._anonymous()
+        scheme, _, key = authorization.partition(" ")
+        if scheme.lower() != "bearer" or not key.strip():
+            raise UnauthenticatedError("send `Authorization: Bearer KEY`")
+        return await self._owner(_sha256(key.strip()))
+
+    async def exist(self) -> bool:
+        """Whether any key was ever made; from then on nobody is served without one."""
+        if self._bootstrap_sha256 is not None:
+            return True
+        async with self._database.read() as connection:
+            return (await connection.execute(select(api_key.c.id).limit(1))).first() is not None
+
+    async def create(self, role: Role, name: str) -> str:
+        """Make a key; it is returned here and never again."""
+        key = f"hu_{secrets.token_urlsafe(32)}"
+        values = {"id": uuid4(), "name": name, "role": role.value, "sha256": _sha256(key), "created_at": _now()}
+        async with self._database.write() as connection:
+            await connection.execute(api_key.insert().values(values))
+        return key
+
+    async def all(self) -> Sequence[RowMapping]:
+        """Every key's id, name, role, created and revoked, oldest first."""
+        columns = (api_key.c.id, api_key.c.name, api_key.c.role, api_key.c.created_at, api_key.c.revoked_at)
+        async with self._database.read() as connection:
+            return (await connection.execute(select(*columns).order_by(api_key.c.created_at))).mappings().all()
+
+    async def revoke(self, identifier: UUID) -> bool:
+        """Revoke a key; False if there is none of that id, or it is revoked already."""
+        valid = (api_key.c.id == identifier) & api_key.c.revoked_at.is_(None)
+        async with self._database.write() as connection:
+            result = await connection.execute(update(api_key).where(valid).values(revoked_at=_now()))
+        return result.rowcount > 0
+
+    async def _anonymous(self) -> Caller:
+        if await self.exist():
+            raise UnauthenticatedError("a key is needed: send `Authorization: Bearer KEY`")
+        return Caller(_OPEN, Role.OPERATOR)
+
+    async def _owner(self, sha256: str) -> Caller:
+        if self._bootstrap_sha256 is not None and hmac.compare_digest(sha256, self._bootstrap_sha256):
+            return Caller(_BOOTSTRAP, Role.OPERATOR)
+        query = select(api_key.c.id, api_key.c.role).where(api_key.c.sha256 == sha256, api_key.c.revoked_at.is_(None))
+        async with self._database.read() as connection:
+            row = (await connection.execute(query)).mappings().one_or_none()
+        if row is None:
+            raise UnauthenticatedError("the key is unknown or revoked")
+        return Caller(str(row["id"]), Role(row["role"]))
+
+
+def _sha256(key: str) -> str:
+    return hashlib.sha256(key.encode()).hexdigest()
+
+
+def _now() -> datetime:
+    return datetime.now(UTC)

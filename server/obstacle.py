@@ -1,0 +1,104 @@
+"""An obstacle as it is stored: immutable values, and nothing of how they are stored."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from datetime import datetime
+from typing import Literal
+from uuid import UUID
+
+from contract.geometry import Box, BoxSd, Kind, LatLon, PlaneCovariance, Sign
+from contract.observation import Descriptor, State
+
+Points = tuple[tuple[int, int, int], ...]
+RemovalReason = Literal["absent", "merged", "expired", "operator"]
+
+
+@dataclass(frozen=True, slots=True)
+class Place:
+    """Where an obstacle's centre is: WGS 84, covariance of (east, north) in square metres."""
+
+    position: LatLon
+    covariance: PlaneCovariance
+    altitude_m: float
+    altitude_sd_m: float
+
+
+@dataclass(frozen=True, slots=True)
+class Shape:
+    """What is served and drawn of the current version."""
+
+    box: Box
+    box_sd: BoxSd
+    volume_m3: float
+    descriptor: Descriptor
+    points_cm: Points
+    observed_at: datetime
+
+
+@dataclass(frozen=True, slots=True)
+class Size:
+    """A size seen from one kind of view, and the number of passes it is the mean of."""
+
+    view: str
+    box: Box
+    sd: BoxSd
+    passes: int = 1
+
+
+@dataclass(frozen=True, slots=True)
+class Witness:
+    """Evidence of one witness about one obstacle: its latest passes with a sighting, in order, and its last absence."""
+
+    name: str
+    seen_at: tuple[datetime, ...] = ()
+    absent_at: datetime | None = None
+
+    @property
+    def last_seen_at(self) -> datetime | None:
+        """The latest sighting."""
+        return self.seen_at[-1] if self.seen_at else None
+
+
+@dataclass(frozen=True, slots=True)
+class Obstacle:
+    """One obstacle. `version` counts shapes, `revision` every change of a served field.
+
+    `witness_count` counts all who saw it; `evidence` holds the records that a decision may need: that of the reporting
+    witness, and all since `absent_since`, the first open absence.
+    """
+
+    id: UUID
+    shard: int
+    kind: Kind
+    kind_votes: dict[Kind, int]
+    state: State
+    version: int
+    revision: int
+    born_at: LatLon
+    place: Place
+    shape: Shape
+    references: tuple[Size, ...]
+    pending: Size | None
+    confidence: float
+    as_of: datetime
+    first_seen: datetime
+    last_seen: datetime
+    sightings: int
+    witness_count: int
+    evidence: tuple[Witness, ...]
+    absent_since: datetime | None = None
+    succeeds: UUID | None = None
+    merged_into: UUID | None = None
+    removed_at: datetime | None = None
+    removed_reason: RemovalReason | None = None
+
+    @property
+    def sign(self) -> Sign:
+        """Below or above the road."""
+        return self.kind.sign
+
+    @property
+    def is_live(self) -> bool:
+        """Whether it has not been removed."""
+        return self.state is not State.REMOVED

@@ -1,0 +1,58 @@
+"""What is not believed: detections outside the policy's limits, and reports whose time or place cannot be right."""
+
+from __future__ import annotations
+
+import math
+from datetime import datetime, timedelta
+
+import numpy as np
+
+from contract.geometry import PlaneCovariance
+from contract.observation import Detection, ObservationReport
+from server.geodesy import matrix_m2
+from server.policy import Plausibility, Times
+
+
+def report_rejection(
+    report: ObservationReport, observed_at: datetime, now: datetime, limits: Plausibility, times: Times
+) -> str | None:
+    """Why a whole report is rejected, or None. `observed_at` is corrected for the vehicle's clock."""
+    if observed_at - now > times.future:
+        return "in-the-future"
+    if now - observed_at > times.oldest:
+        return "too-old"
+    if abs(report.origin.position.latitude_deg) > limits.greatest_latitude_deg:
+        return "beyond-the-map"
+    if _greatest_sd_m(report.origin.covariance) > limits.greatest_pose_sd_m:
+        return "pose-too-uncertain"
+    return None
+
+
+def detection_rejection(detection: Detection, limits: Plausibility) -> str | None:
+    """Why a detection is rejected, or None."""
+    box = detection.box
+    if not limits.least_side_mm <= box.width_mm <= box.length_mm <= limits.greatest_side_mm:
+        return "size"
+    if not limits.least_relief_mm <= box.relief_mm <= limits.greatest_relief_mm:
+        return "relief"
+    if detection.confidence < limits.least_confidence:
+        return "confidence"
+    if detection.view.hits < limits.least_hits:
+        return "too-few-points"
+    if math.hypot(detection.east_m, detection.north_m) > limits.reach_m or abs(detection.up_m) > limits.greatest_up_m:
+        return "out-of-reach"
+    if _greatest_sd_m(detection.covariance) > limits.greatest_centre_sd_m:
+        return "position-too-uncertain"
+    return None
+
+
+def clock_correction(sent_at: datetime, received_at: datetime, times: Times) -> timedelta | None:
+    """What to add to the vehicle's times: nothing for a small skew, None when its clock is too wrong to correct."""
+    skew = received_at - sent_at
+    if abs(skew) > times.corrected_skew:
+        return None
+    return skew if abs(skew) > times.tolerated_skew else timedelta()
+
+
+def _greatest_sd_m(covariance: PlaneCovariance) -> float:
+    return math.sqrt(max(0.0, float(np.linalg.eigvalsh(matrix_m2(covariance))[-1])))

@@ -1,0 +1,137 @@
+"""Between obstacles and rows of the table `obstacle`."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from datetime import datetime, timedelta
+from typing import Any
+
+from pydantic import TypeAdapter
+from sqlalchemy import RowMapping
+
+from contract.geometry import Kind, LatLon, PlaneCovariance
+from contract.observation import State
+from server.obstacle import Obstacle, Place, Shape, Size, Witness
+from server.policy import Life
+from server.quadkey import cell_of
+
+
+@dataclass(frozen=True, slots=True)
+class Sizes:
+    """What is remembered of sizes besides the served one."""
+
+    references: tuple[Size, ...]
+    pending: Size | None
+
+
+_shape = TypeAdapter(Shape)
+_sizes = TypeAdapter(Sizes)
+_votes = TypeAdapter(dict[Kind, int])
+_moments = TypeAdapter(tuple[datetime, ...])
+
+
+def expires_at(obstacle: Obstacle, life: Life) -> datetime:
+    """When decay brings the confidence below what is worth a warning."""
+    half_lives = max(0.0, math.log2(max(obstacle.confidence, life.expired_confidence) / life.expired_confidence))
+    return obstacle.as_of + timedelta(seconds=half_lives * life.half_life_s[obstacle.kind])
+
+
+def row_of(obstacle: Obstacle, life: Life) -> dict[str, Any]:
+    """Values of the table `obstacle`."""
+    place = obstacle.place
+    return {
+        "shard": obstacle.shard,
+        "id": obstacle.id,
+        "cell": cell_of(place.position),
+        "kind": obstacle.kind.value,
+        "kind_votes": _votes.dump_python(obstacle.kind_votes, mode="json"),
+        "state": obstacle.state.value,
+        "version": obstacle.version,
+        "revision": obstacle.revision,
+        "latitude_deg": place.position.latitude_deg,
+        "longitude_deg": place.position.longitude_deg,
+        "born_latitude_deg": obstacle.born_at.latitude_deg,
+        "born_longitude_deg": obstacle.born_at.longitude_deg,
+        "east_m2": place.covariance.east_m2,
+        "north_m2": place.covariance.north_m2,
+        "east_north_m2": place.covariance.east_north_m2,
+        "altitude_m": place.altitude_m,
+        "altitude_sd_m": place.altitude_sd_m,
+        "shape": shape_json(obstacle.shape),
+        "sizes": _sizes.dump_python(Sizes(obstacle.references, obstacle.pending), mode="json"),
+        "confidence": obstacle.confidence,
+        "as_of": obstacle.as_of,
+        "expires_at": expires_at(obstacle, life),
+        "first_seen": obstacle.first_seen,
+        "last_seen": obstacle.last_seen,
+        "sightings": obstacle.sightings,
+        "witness_count": obstacle.witness_count,
+        "absent_since": obstacle.absent_since,
+        "succeeds": obstacle.succeeds,
+        "merged_into": obstacle.merged_into,
+        "removed_at": obstacle.removed_at,
+        "removed_reason": obstacle.removed_reason,
+    }
+
+
+def obstacle_of(row: RowMapping, evidence: Sequence[Witness] = ()) -> Obstacle:
+    """An obstacle from its row and the evidence loaded for it."""
+    sizes = _sizes.validate_python(row["sizes"])
+    return Obstacle(
+        id=row["id"],
+        shard=row["shard"],
+        kind=Kind(row["kind"]),
+        kind_votes=_votes.validate_python(row["kind_votes"]),
+        state=State(row["state"]),
+        version=row["version"],
+        revision=row["revision"],
+        born_at=LatLon(latitude_deg=row["born_latitude_deg"], longitude_deg=row["born_longitude_deg"]),
+        place=Place(
+            position=LatLon(latitude_deg=row["latitude_deg"], longitude_deg=row["longitude_deg"]),
+            covariance=PlaneCovariance(
+                east_m2=row["east_m2"], north_m2=row["north_m2"], east_north_m2=row["east_north_m2"]
+            ),
+            altitude_m=row["altitude_m"],
+            altitude_sd_m=row["altitude_sd_m"],
+        ),
+        shape=_shape.validate_python(row["shape"]),
+        references=sizes.references,
+        pending=sizes.pending,
+        confidence=row["confidence"],
+        as_of=row["as_of"],
+        first_seen=row["first_seen"],
+        last_seen=row["last_seen"],
+        sightings=row["sightings"],
+        witness_count=row["witness_count"],
+        evidence=tuple(evidence),
+        absent_since=row["absent_since"],
+        succeeds=row["succeeds"],
+        merged_into=row["merged_into"],
+        removed_at=row["removed_at"],
+        removed_reason=row["removed_reason"],
+    )
+
+
+def shape_json(shape: Shape) -> Any:
+    """A shape for a JSON column."""
+    return _shape.dump_python(shape, mode="json")
+
+
+def witness_row(obstacle: Obstacle, witness: Witness) -> dict[str, Any]:
+    """Values of the table `witness`."""
+    moments = [moment for moment in (witness.last_seen_at, witness.absent_at) if moment is not None]
+    return {
+        "shard": obstacle.shard,
+        "obstacle_id": obstacle.id,
+        "name": witness.name,
+        "seen_at": _moments.dump_python(witness.seen_at, mode="json"),
+        "absent_at": witness.absent_at,
+        "latest_at": max(moments),
+    }
+
+
+def witness_of(row: RowMapping) -> Witness:
+    """A witness's evidence from its row."""
+    return Witness(row["name"], _moments.validate_python(row["seen_at"]), row["absent_at"])

@@ -1,0 +1,65 @@
+"""The database's schema: which revision it is at, and bringing it to this version's by Alembic."""
+
+from __future__ import annotations
+
+from importlib.resources import as_file, files
+
+from alembic import command
+from alembic.config import Config
+from alembic.runtime.migration import MigrationContext
+from alembic.script import ScriptDirectory
+from sqlalchemy import Connection, inspect
+
+from server.database import Database
+from server.errors import SchemaOutOfDateError
+
+
+async def upgrade(database: Database) -> str:
+    """Bring the schema to this version's revision, which is returned; harmless when it already is."""
+    async with database.write() as connection:
+        await connection.run_sync(_upgrade)
+    return head_revision()
+
+
+async def prepare(database: Database) -> None:
+    """Give a fresh SQLite file its schema; refuse any other that is not this version's."""
+    async with database.read() as connection:
+        is_empty = await connection.run_sync(_is_empty)
+    if is_empty and database.is_sqlite:
+        await upgrade(database)
+    await check(database)
+
+
+async def check(database: Database) -> None:
+    """Refuse a schema that is not this version's."""
+    async with database.read() as connection:
+        current = await connection.run_sync(_current_revision)
+    if current != head_revision():
+        raise SchemaOutOfDateError(
+            f"the database's schema is at {current or 'no revision'}, this version needs {head_revision()}: "
+            "run `headsup db upgrade`"
+        )
+
+
+def head_revision() -> str:
+    """The revision that this version needs."""
+    with as_file(files("migrations")) as folder:
+        head = ScriptDirectory(str(folder)).get_current_head()
+    assert head is not None  # noqa: S101  # the migrations are part of the package
+    return head
+
+
+def _upgrade(connection: Connection) -> None:
+    with as_file(files("migrations")) as folder:
+        config = Config()
+        config.set_main_option("script_location", str(folder).replace("%", "%%"))
+        config.attributes["connection"] = connection
+        command.upgrade(config, "head")
+
+
+def _is_empty(connection: Connection) -> bool:
+    return not inspect(connection).get_table_names()
+
+
+def _current_revision(connection: Connection) -> str | None:
+    return MigrationContext.configure(connection).get_current_revision()

@@ -1,0 +1,155 @@
+"""The tables, the same on SQLite and PostgreSQL: no sequences, no foreign keys between sharded tables."""
+
+from __future__ import annotations
+
+from datetime import UTC, datetime, timedelta
+
+from sqlalchemy import (
+    JSON,
+    BigInteger,
+    Column,
+    Dialect,
+    Float,
+    Index,
+    Integer,
+    MetaData,
+    SmallInteger,
+    String,
+    Table,
+    Text,
+    TypeDecorator,
+    Uuid,
+)
+
+_EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
+
+
+class UtcMicroseconds(TypeDecorator[datetime]):
+    """A moment as microseconds since 1970 in a 64-bit integer: exact, ordered, and the same on every engine."""
+
+    impl = BigInteger
+    cache_ok = True
+
+    def process_bind_param(self, value: datetime | None, dialect: Dialect) -> int | None:
+        """To the database."""
+        return None if value is None else (value - _EPOCH) // timedelta(microseconds=1)
+
+    def process_result_value(self, value: int | None, dialect: Dialect) -> datetime | None:
+        """From the database."""
+        return None if value is None else _EPOCH + timedelta(microseconds=value)
+
+
+metadata = MetaData()
+
+# Lock, version and order of all writes in an area: see `server_rules`, 1.
+tile = Table(
+    "tile",
+    metadata,
+    Column("shard", SmallInteger, primary_key=True, autoincrement=False),
+    Column("tile", BigInteger, primary_key=True, autoincrement=False),
+    Column("version", BigInteger, nullable=False),
+    Column("lock_seq", BigInteger, nullable=False),
+)
+
+obstacle = Table(
+    "obstacle",
+    metadata,
+    Column("shard", SmallInteger, primary_key=True, autoincrement=False),
+    Column("id", Uuid, primary_key=True),
+    Column("cell", BigInteger, nullable=False),
+    Column("kind", String(16), nullable=False),
+    Column("kind_votes", JSON, nullable=False),
+    Column("state", String(16), nullable=False),
+    Column("version", Integer, nullable=False),
+    Column("revision", Integer, nullable=False),
+    Column("latitude_deg", Float(53), nullable=False),
+    Column("longitude_deg", Float(53), nullable=False),
+    Column("born_latitude_deg", Float(53), nullable=False),
+    Column("born_longitude_deg", Float(53), nullable=False),
+    Column("east_m2", Float(53), nullable=False),
+    Column("north_m2", Float(53), nullable=False),
+    Column("east_north_m2", Float(53), nullable=False),
+    Column("altitude_m", Float(53), nullable=False),
+    Column("altitude_sd_m", Float(53), nullable=False),
+    Column("shape", JSON, nullable=False),
+    Column("sizes", JSON, nullable=False),
+    Column("confidence", Float(53), nullable=False),
+    Column("as_of", UtcMicroseconds, nullable=False),
+    Column("expires_at", UtcMicroseconds, nullable=False),
+    Column("first_seen", UtcMicroseconds, nullable=False),
+    Column("last_seen", UtcMicroseconds, nullable=False),
+    Column("sightings", Integer, nullable=False),
+    Column("witness_count", Integer, nullable=False),
+    Column("absent_since", UtcMicroseconds),
+    Column("succeeds", Uuid),
+    Column("merged_into", Uuid),
+    Column("removed_at", UtcMicroseconds),
+    Column("removed_reason", String(16)),
+    Index("obstacle_by_cell", "cell"),
+)
+
+# Versions that were replaced: what the obstacle looked like before.
+obstacle_version = Table(
+    "obstacle_version",
+    metadata,
+    Column("shard", SmallInteger, primary_key=True, autoincrement=False),
+    Column("obstacle_id", Uuid, primary_key=True),
+    Column("version", Integer, primary_key=True, autoincrement=False),
+    Column("shape", JSON, nullable=False),
+    Column("replaced_at", UtcMicroseconds, nullable=False),
+)
+
+witness = Table(
+    "witness",
+    metadata,
+    Column("shard", SmallInteger, primary_key=True, autoincrement=False),
+    Column("obstacle_id", Uuid, primary_key=True),
+    Column("name", String(64), primary_key=True),
+    Column("seen_at", JSON, nullable=False),
+    Column("absent_at", UtcMicroseconds),
+    Column("latest_at", UtcMicroseconds, nullable=False),
+)
+
+# History, outbox and replay of what was pushed, in one.
+event = Table(
+    "event",
+    metadata,
+    Column("shard", SmallInteger, primary_key=True, autoincrement=False),
+    Column("tile", BigInteger, primary_key=True, autoincrement=False),
+    Column("seq", BigInteger, primary_key=True, autoincrement=False),
+    Column("obstacle_id", Uuid, nullable=False),
+    Column("body", Text, nullable=False),
+    Column("written_at", UtcMicroseconds, nullable=False),
+)
+
+# The observation log: what was sent, and what was answered.
+report = Table(
+    "report",
+    metadata,
+    Column("key_id", String(64), primary_key=True),
+    Column("report_id", Uuid, primary_key=True),
+    Column("body_sha256", String(64), nullable=False),
+    Column("witness", String(64), nullable=False),
+    Column("observed_at", UtcMicroseconds, nullable=False),
+    Column("received_at", UtcMicroseconds, nullable=False),
+    Column("body", Text, nullable=False),
+    Column("answer", Text, nullable=False),
+)
+
+api_key = Table(
+    "api_key",
+    metadata,
+    Column("id", Uuid, primary_key=True),
+    Column("name", String(64), nullable=False),
+    Column("role", String(16), nullable=False),
+    Column("sha256", String(64), nullable=False, unique=True),
+    Column("created_at", UtcMicroseconds, nullable=False),
+    Column("revoked_at", UtcMicroseconds),
+)
+
+secret = Table(
+    "secret",
+    metadata,
+    Column("name", String(32), primary_key=True),
+    Column("value", String(64), nullable=False),
+)
