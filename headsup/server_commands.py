@@ -1,0 +1,180 @@
+"""The operator's commands: `serve`, `keys`, `db`. The server is loaded inside them, so that `--help` is instant."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Awaitable, Callable
+from enum import StrEnum
+from typing import TYPE_CHECKING, Annotated, Any, NoReturn
+from uuid import UUID
+
+import typer
+
+if TYPE_CHECKING:
+    from server.database import Database
+    from server.keys import Keys
+    from server.settings import Settings
+
+keys_app = typer.Typer(help="API keys of vehicles, readers and operators.", no_args_is_help=True)
+db_app = typer.Typer(help="The server's database.", no_args_is_help=True)
+_NAME_LENGTH = 64
+
+
+class KeyRole(StrEnum):
+    """What a key may do."""
+
+    VEHICLE = "vehicle"
+    READER = "reader"
+    OPERATOR = "operator"
+
+
+def serve(
+    host: Annotated[str | None, typer.Option(help="Address to listen on; HEADSUP_HOST, else 127.0.0.1.")] = None,
+    port: Annotated[int | None, typer.Option(help="Port, 0 for a free one; HEADSUP_PORT, else 8000.")] = None,
+    database_url: Annotated[str | None, typer.Option(help="HEADSUP_DATABASE_URL, else headsup.sqlite3 here.")] = None,
+) -> None:
+    """Run the obstacle service until it is interrupted.
+
+    Settings come from the environment (HEADSUP_...), options win. A fresh SQLite file gets its tables; any other
+    database must be brought up to date by `headsup db upgrade`. Prints `listening on http://HOST:PORT` when ready.
+
+    Examples:
+
+        headsup serve
+
+        headsup serve --port 0 --database-url sqlite+aiosqlite:////tmp/try.sqlite3
+
+        HEADSUP_BOOTSTRAP_OPERATOR_KEY=$(openssl rand -base64 33) headsup serve --host 0.0.0.0
+    """
+    from server.errors import ServiceError
+    from server.running import run
+
+    settings = _settings(host=host, port=port, database_url=database_url)
+    try:
+        exit_code = run(settings)
+    except ServiceError as error:
+        _refuse(str(error))
+    raise typer.Exit(exit_code)
+
+
+@keys_app.command("create")
+def create_key(
+    role: Annotated[KeyRole, typer.Option(help="vehicle posts and reads, reader only reads, operator does all.")],
+    name: Annotated[str, typer.Option(help="Whose key it is, for the list; at most 64 characters.")],
+) -> None:
+    """Make a key and print it, once and alone, so that a script can capture it.
+
+    Example:
+
+        KEY=$(headsup keys create --role vehicle --name ego1)
+    """
+    from server.keys import Role
+
+    if not 1 <= len(name) <= _NAME_LENGTH:
+        raise typer.BadParameter(f"1 to {_NAME_LENGTH} characters", param_hint="--name")
+
+    async def create(keys: Keys) -> None:
+        typer.echo(await keys.create(Role(role.value), name))
+
+    _with_keys(create)
+
+
+@keys_app.command("list")
+def list_keys() -> None:
+    """List all keys: id, role, name, created, revoked.
+
+    Example:
+
+        headsup keys list
+    """
+
+    async def show(keys: Keys) -> None:
+        for key in await keys.all():
+            revoked = f"revoked {key['revoked_at']:%Y-%m-%d %H:%M}" if key["revoked_at"] else "valid"
+            typer.echo(f"{key['id']}  {key['role']:8}  {key['created_at']:%Y-%m-%d %H:%M}  {revoked}  {key['name']}")
+
+    _with_keys(show)
+
+
+@keys_app.command("revoke")
+def revoke_key(key_id: Annotated[UUID, typer.Argument(help="The key's id, from `headsup keys list`.")]) -> None:
+    """Revoke a key; connections made with it are cut within half a minute.
+
+    Example:
+
+        headsup keys revoke 0b7f5c9e-1b1f-4f0e-9d6a-0c9c3d1f2a11
+    """
+
+    async def revoke(keys: Keys) -> None:
+        if not await keys.revoke(key_id):
+            _refuse(f"there is no valid key {key_id}: see `headsup keys list`")
+
+    _with_keys(revoke)
+
+
+@db_app.command("upgrade")
+def upgrade_database() -> None:
+    """Bring the database's schema to this version; harmless when it already is.
+
+    Example:
+
+        HEADSUP_DATABASE_URL=postgresql+asyncpg://headsup@db/headsup headsup db upgrade
+    """
+    from server import schema
+
+    async def upgrade(database: Database) -> None:
+        typer.echo(f"the database is at {await schema.upgrade(database)}", err=True)
+
+    _with_database(upgrade)
+
+
+def _settings(**options: Any) -> Settings:
+    """Settings from the environment and the options given; exits with a line for each that cannot be used."""
+    from pydantic import ValidationError
+
+    from server.settings import Settings
+
+    try:
+        return Settings(**{name: value for name, value in options.items() if value is not None})
+    except ValidationError as error:
+        lines = [f"HEADSUP_{item['loc'][0]}".upper() + f": {item['msg']}" for item in error.errors()]
+        _refuse("\n".join(lines))
+
+
+def _with_keys(work: Callable[[Keys], Awaitable[None]]) -> None:
+    """Run `work` on the keys of a database whose schema is right (a fresh SQLite file gets it)."""
+
+    async def prepared(database: Database) -> None:
+        from server import schema
+        from server.keys import Keys
+
+        await schema.prepare(database)
+        await work(Keys(database, None))
+
+    _with_database(prepared)
+
+
+def _with_database(work: Callable[[Database], Awaitable[None]]) -> None:
+    from sqlalchemy.exc import SQLAlchemyError
+
+    from server.database import Database
+    from server.errors import ServiceError
+
+    async def opened() -> None:
+        database = Database.open(_settings().database_url)
+        try:
+            await work(database)
+        finally:
+            await database.close()
+
+    try:
+        asyncio.run(opened())
+    except ServiceError as error:
+        _refuse(str(error))
+    except SQLAlchemyError as error:
+        _refuse(f"the database failed: {error.__cause__ or error}")
+
+
+def _refuse(message: str) -> NoReturn:
+    typer.echo(message, err=True)
+    raise typer.Exit(1)
