@@ -13,8 +13,8 @@ from detector.types import FloatArray
 
 CELL_M = 0.02
 SIGMA_M = 0.03
-# A mean needs this share of the smoothed count of one hit at its place: farther off it is extrapolation.
-MIN_SUPPORT = 0.02
+# A mean farther than this from the nearest hit is extrapolation.
+SUPPORT_SIGMAS = 2.8
 
 Map = FloatArray
 
@@ -30,15 +30,20 @@ class Grid:
         """Number of cells along one side."""
         return round(2.0 * self.half_size_m / CELL_M)
 
-    def smooth_count(self, xy_m: FloatArray, weight: FloatArray | None = None) -> Map:
-        """Sum (G, G) of the (weighted) samples (N, 2), each spread by a Gaussian of 3 cm."""
+    def smooth_count(self, xy_m: FloatArray, weight: FloatArray | None = None, sigma_m: float = SIGMA_M) -> Map:
+        """Sum (G, G) of the (weighted) samples (N, 2), each spread by a Gaussian."""
         n = self.cells
         index = np.floor((xy_m + self.half_size_m) / CELL_M).astype(np.int64)
         inside = ((index >= 0) & (index < n)).all(axis=1)
         cell = index[inside, 0] * n + index[inside, 1]
         chosen = None if weight is None else weight[inside]
         total = np.bincount(cell, weights=chosen, minlength=n * n).astype(np.float64).reshape(n, n)
-        return np.asarray(gaussian_filter(total, SIGMA_M / CELL_M, mode="constant", truncate=3.5))
+        smooth: FloatArray = gaussian_filter(total, sigma_m / CELL_M, mode="constant", truncate=3.5)
+        return smooth
+
+    def kernel_at(self, distance_m: float, sigma_m: float = SIGMA_M) -> float:
+        """Smoothed count that one hit makes at a distance from it."""
+        return float((CELL_M / sigma_m) ** 2 / (2.0 * np.pi) * np.exp(-0.5 * (distance_m / sigma_m) ** 2))
 
     def centres_m(self) -> FloatArray:
         """Coordinate (G,) of the cells' centres along one axis."""
@@ -53,8 +58,7 @@ def smooth_mean(grid: Grid, xy_m: FloatArray, values: FloatArray) -> Map:
     """Gaussian mean (G, G) of samples; 0, the road, where none is near."""
     count = grid.smooth_count(xy_m)
     total = grid.smooth_count(xy_m, values)
-    one_hit = (CELL_M / SIGMA_M) ** 2 / (2.0 * np.pi)
-    return np.where(count > MIN_SUPPORT * one_hit, total / np.maximum(count, 1e-12), 0.0)
+    return np.where(count > grid.kernel_at(SUPPORT_SIGMAS * SIGMA_M), total / np.maximum(count, 1e-12), 0.0)
 
 
 def region_of(relief_m: Map, grid: Grid, threshold_m: float, seed_radius_m: float) -> np.ndarray | None:

@@ -105,7 +105,7 @@ def _in_box(xy_m: FloatArray, place: KnownPlace, margin_m: float) -> np.ndarray:
     c, s = np.cos(place.yaw_rad), np.sin(place.yaw_rad)
     along = np.abs(c * offset[:, 0] + s * offset[:, 1])
     across = np.abs(-s * offset[:, 0] + c * offset[:, 1])
-    return (along <= place.length_m / 2.0 + margin_m) & (across <= place.width_m / 2.0 + margin_m)
+    return np.asarray((along <= place.length_m / 2.0 + margin_m) & (across <= place.width_m / 2.0 + margin_m))
 
 
 def _coverage(hits: PlaceHits, place: KnownPlace) -> tuple[float, float]:

@@ -52,6 +52,6 @@ def partial_svd(X: Float32Array, rank: int) -> tuple[Float32Array, Float32Array]
     X V V^T, V the leading eigenvectors of the (n, n) Gram matrix X^T X: exact, and n is small.
     """
     values, vectors = np.linalg.eigh((X.T @ X).astype(np.float64))
-    V = vectors[:, : -rank - 1 : -1].astype(X.dtype)
-    sigma = np.sqrt(np.maximum(values[: -rank - 1 : -1], 0.0)).astype(X.dtype)
-    return (X @ V) @ V.T, sigma
+    V = vectors[:, : -rank - 1 : -1].astype(np.float32)
+    sigma = np.sqrt(np.maximum(values[: -rank - 1 : -1], 0.0)).astype(np.float32)
+    return np.asarray((X @ V) @ V.T, dtype=np.float32), sigma

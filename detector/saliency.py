@@ -41,7 +41,7 @@ def geometric_saliency(around: FloatArray) -> FloatArray:
     """
     E = around.reshape(len(around), -1).astype(np.float32)
     _, S = decompose(E, default_lambda(len(E)))
-    return np.linalg.norm(S[:, :3].astype(np.float64), axis=1)
+    return np.asarray(np.linalg.norm(S[:, :3].astype(np.float64), axis=1))
 
 
 def scale_to_unit(values: FloatArray) -> FloatArray:

@@ -14,7 +14,7 @@ from scipy.ndimage import uniform_filter
 
 from detector.accumulator import PlaceHits
 from detector.descriptor import Moments, describe, moment_box, polygon_moments
-from detector.height_map import CELL_M, Grid, Map, contour_around, region_of, smooth_mean
+from detector.height_map import CELL_M, SIGMA_M, Grid, Map, contour_around, region_of, smooth_mean
 from detector.local_surface import local_residuals
 from detector.recognition import thin
 from detector.types import DetectedObstacle, FloatArray, ObstacleKind
@@ -31,8 +31,10 @@ MAX_AIR_M = 0.8
 AIR_STEP_M = 0.02
 # One ray leaves many air samples and only one solid one.
 AIR_WEIGHT = 0.5
-# Evidence below this share of the most is a shadow, and counts against a rise.
-SHADOW_SHARE = 0.05
+# In the shadow behind a rise, its last hits speak for this many sigmas around them.
+HIT_REACH_SIGMAS = 1.6
+# Only hits speak for a rise, no air: a pass from one side leaves 5 cm between them.
+RISE_SIGMA_M = 0.04
 GROUPS = 6
 # What a pass does not see: floors of the standard deviation of ln(length), ln(width), ln(area), by view.
 LN_FLOOR_FRONT = 0.04
@@ -45,6 +47,8 @@ RELIEF_FLOOR_SHARE = 0.03
 DEBRIS_SLOPE = 0.6
 # No bump of the road is higher than a speed hump may be.
 BUMP_MAX_HEIGHT_M = 0.2
+# A rise of the road is wider than a brick is long.
+BUMP_MIN_WIDTH_M = 0.3
 # How far from the middle of the window the obstacle may begin.
 SEED_RADIUS_M = 0.8
 
@@ -132,16 +136,17 @@ def _mean_relief(values: FloatArray) -> float:
 def _obstacle_share(samples: Samples, grid: Grid, level: float, is_negative: bool) -> Map:
     """Share (G, G) of the evidence for the obstacle: of air below the road, or of matter above it."""
     beyond = samples.relief_m > level
+    sigma = SIGMA_M if is_negative else RISE_SIGMA_M
     air = _air_samples(samples, level, is_negative)
-    solid = grid.smooth_count(samples.xy_m[~beyond])
-    passed = AIR_WEIGHT * grid.smooth_count(air)
+    solid = grid.smooth_count(samples.xy_m[~beyond], sigma_m=sigma)
+    passed = AIR_WEIGHT * grid.smooth_count(air, sigma_m=sigma)
     if is_negative:
         evidence = passed + solid
-        return passed / (evidence + 1e-3 * evidence.max())
-    matter = grid.smooth_count(samples.xy_m[beyond])
+        return np.asarray(passed / (evidence + 1e-3 * evidence.max() + 1e-12))
+    matter = grid.smooth_count(samples.xy_m[beyond], sigma_m=sigma)
     evidence = matter + passed + solid
-    # Behind a thing nothing is hit: where there is no evidence, it ends.
-    return matter / (evidence + SHADOW_SHARE * evidence.max())
+    # Behind a thing nothing is hit: a hit speaks for its surroundings and no farther.
+    return np.asarray(matter / (evidence + grid.kernel_at(HIT_REACH_SIGMAS * sigma, sigma)))
 
 
 def _air_samples(samples: Samples, level: float, is_negative: bool) -> FloatArray:
@@ -262,7 +267,8 @@ def _kind(outline: Outline, is_negative: bool) -> ObstacleKind:
         return ObstacleKind.POTHOLE
     slope = np.hypot(*np.gradient(outline.relief_map, CELL_M))[outline.inside]
     steep = float(np.percentile(slope, 75)) if slope.size else 0.0
-    is_bump = steep < DEBRIS_SLOPE and outline.relief_m < BUMP_MAX_HEIGHT_M
+    _, width, _ = moment_box(outline.moments)
+    is_bump = steep < DEBRIS_SLOPE and outline.relief_m < BUMP_MAX_HEIGHT_M and width > BUMP_MIN_WIDTH_M
     return ObstacleKind.BUMP if is_bump else ObstacleKind.DEBRIS
 
 

@@ -22,7 +22,7 @@ def inverse_frobenius(normals: FloatArray) -> FloatArray:
 
 def absolute_scale(normals: FloatArray) -> FloatArray:
     """K / ||R||_F (N,): 1 on a plane, sqrt(3) where the normals (N, K, 3) point everywhere; the same for every car."""
-    return normals.shape[1] * inverse_frobenius(normals)
+    return np.asarray(normals.shape[1] * inverse_frobenius(normals))
 
 
 def absolute_saliency(points_m: FloatArray) -> float:
