@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from scipy.stats import chi2, norm
+from scipy.special import chdtri
 
 from contract.geometry import Box, BoxSd
 from contract.observation import Detection
@@ -135,7 +135,7 @@ def _jointly_significant(old: Size, new: Size, sds: float, policy: Change) -> bo
     if not _is_round(old.box, new.box, policy):
         statistic += (turn_rad(old.box, new.box) / _combined(_yaw_sd_rad(old), _yaw_sd_rad(new))) ** 2
         freedoms = 3
-    return statistic > chi2.isf(2 * norm.sf(sds), freedoms)
+    return statistic > float(chdtri(freedoms, math.erfc(sds / math.sqrt(2))))
 
 
 def _yaw_sd_rad(size: Size) -> float:

@@ -63,8 +63,8 @@ class Database:
     async def _connected(self, stack: AsyncExitStack) -> AsyncConnection:
         try:
             return await stack.enter_async_context(self._engine.connect())
-        except OSError as error:
-            raise UnavailableError("the database cannot be reached") from error
+        except (OSError, DBAPIError) as error:
+            raise UnavailableError("the database cannot be opened") from error
 
     async def close(self) -> None:
         """Close all connections."""
