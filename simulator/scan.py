@@ -20,6 +20,10 @@ MIN_POINTS = 1_000
 """Fewer points leave cells of the grid empty."""
 
 
+POINT_BYTES = 12
+"""x, y, z in float32, the least that a point of a scan takes."""
+
+
 class ScanError(ValueError):
     """A scan cannot be used; the message says what was expected."""
 
@@ -51,26 +55,27 @@ def load_scan(path: Path, length_m: float = 0.9, depth_m: float | None = None) -
 def _read_points(path: Path) -> NDArray[np.float64]:
     import open3d as o3d  # heavy: only those who load a scan wait for it
 
-    expected = _vertex_count(path)
+    _check_length(path)
     with o3d.utility.VerbosityContextManager(o3d.utility.VerbosityLevel.Error):
         points = np.asarray(o3d.io.read_point_cloud(path).points, dtype=np.float64)
-    if len(points) != expected:
-        raise ScanError(f"{path}: the header announces {expected} points, {len(points)} could be read")
     if len(points) < MIN_POINTS or not np.isfinite(points).all() or not np.ptp(points, axis=0).all():
         raise ScanError(f"{path}: expected at least {MIN_POINTS} finite points of a surface with depth")
     return points
 
 
-def _vertex_count(path: Path) -> int:
+def _check_length(path: Path) -> None:
+    """Refuse what is not a PLY file as long as its header announces: Open3D would fill what is missing with zeros."""
     try:
-        with path.open("rb") as file:
-            header = [file.readline(256).decode("ascii", "replace").split() for _ in range(64)]
+        data = path.read_bytes()
     except OSError as error:
         raise ScanError(f"{path}: cannot be read: {error.strerror}") from error
-    counts = [line[2] for line in header if line[:2] == ["element", "vertex"] and len(line) == 3]
-    if header[0] != ["ply"] or not counts or not counts[0].isdigit():
-        raise ScanError(f"{path}: expected a PLY file whose header says 'element vertex N'")
-    return int(counts[0])
+    header, _, body = data.partition(b"end_header\n")
+    lines = [line.split() for line in header.decode("ascii", "replace").splitlines()]
+    counts = [line[2] for line in lines if line[:2] == ["element", "vertex"] and len(line) == 3]
+    if ["format", "binary_little_endian", "1.0"] not in lines or not counts or not counts[0].isdigit():
+        raise ScanError(f"{path}: expected a binary PLY file whose header says 'element vertex N'")
+    if len(body) < int(counts[0]) * POINT_BYTES:
+        raise ScanError(f"{path}: the header announces {counts[0]} points, the file ends before them")
 
 
 def _along_principal_axes(plan: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -107,7 +107,7 @@ class Street:
     crown_slope: float = 0.02
     kerb_height_m: float = 0.12
     pavement_width_m: float = 2.0
-    roughness_sd_m: float = 0.002
+    roughness_sd_m: float = 0.003
     yaw_rad: float = math.radians(35.0)
     origin_enu_m: tuple[float, float, float] = (12.0, -7.5, 0.4)
     georeference: GeoReference = field(

@@ -26,8 +26,8 @@ class Terrain:
 
     def __init__(self, street: Street) -> None:
         self.street = street
-        # Amplitude falls with the wave number as in ISO 8608 (displacement spectral density ~ n^-2).
-        self._roughness_m = street.roughness_sd_m * fractal_noise(street.seed, ROUGHNESS_PERIOD, slope=1.0)
+        # ISO 8608: along a line the spectral density of displacement falls as n^-2, so an octave as n^-0.5.
+        self._roughness_m = street.roughness_sd_m * fractal_noise(street.seed, ROUGHNESS_PERIOD, slope=0.5)
 
     @property
     def reliefs(self) -> tuple[tuple[PlacedObstacle, Relief], ...]:

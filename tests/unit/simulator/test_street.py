@@ -1,0 +1,76 @@
+from __future__ import annotations
+
+import itertools
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from contract.geometry import Kind
+from simulator.street import GeoReference, Street, fill, first_light_street, grow
+from simulator.terrain import Terrain
+
+METRES = st.floats(-2_000, 2_000)
+
+
+@given(METRES, METRES, st.floats(-100, 100))
+def test_positions_survive_the_way_to_the_earth_and_back(east: float, north: float, up: float) -> None:
+    reference: GeoReference = Street(seed=0).georeference
+    position, altitude = reference.geodetic_from_enu(np.array([east, north, up]))
+    assert reference.enu_from_geodetic(position, altitude) == pytest.approx([east, north, up], abs=1e-4)
+
+
+def test_the_street_is_turned_by_its_yaw_counter_clockwise_from_east() -> None:
+    street = Street(seed=0)
+    ahead = street.enu_from_street[:3, :3] @ np.array([1.0, 0.0, 0.0])
+    assert np.degrees(np.arctan2(ahead[1], ahead[0])) == pytest.approx(35.0)
+    assert street.enu_from_street[:3, :3] @ street.enu_from_street[:3, :3].T == pytest.approx(np.eye(3))
+
+
+def test_the_first_light_street_holds_two_potholes_a_bump_and_debris_in_the_right_lane() -> None:
+    for seed in range(20):
+        obstacles = first_light_street(seed).obstacles
+        assert [o.kind for o in obstacles] == [Kind.POTHOLE, Kind.BUMP, Kind.DEBRIS, Kind.POTHOLE]
+        assert all(210 < o.x_m < 292 and -3.1 < o.y_m < -0.5 for o in obstacles)
+        assert all(b.x_m - a.x_m >= 14 for a, b in itertools.pairwise(obstacles))
+
+
+def test_growing_one_obstacle_leaves_the_others() -> None:
+    street = first_light_street(1)
+    grown = grow(street, 1, 1.25)
+    before, after = street.obstacle(1).shape, grown.obstacle(1).shape
+    assert after.footprint_area_m2 == pytest.approx(1.25 * before.footprint_area_m2)
+    assert grown.obstacles[1:] == street.obstacles[1:]
+
+
+def test_an_unknown_obstacle_cannot_be_filled() -> None:
+    with pytest.raises(KeyError):
+        fill(first_light_street(1), 99)
+
+
+def test_a_filled_pothole_leaves_the_sound_road() -> None:
+    street = first_light_street(1)
+    hole = street.obstacle(1)
+    x, y = np.array([hole.x_m]), np.array([hole.y_m])
+    assert Terrain(street).height_at(x, y)[0] < street.crown_height(y)[0] - 0.05
+    assert Terrain(fill(street, 1)).height_at(x, y)[0] == pytest.approx(street.crown_height(y)[0], abs=0.01)
+
+
+def test_the_road_is_rough_by_millimetres() -> None:
+    street = Street(seed=2)
+    x, y = np.meshgrid(np.arange(0, 50, 0.2), np.arange(-3.4, 3.4, 0.2))
+    roughness = Terrain(street).height_at(x, y) - street.crown_height(y)
+    assert roughness.std() == pytest.approx(street.roughness_sd_m, rel=0.5)
+
+
+def test_the_roads_mesh_has_no_cracks_and_is_fine_where_it_matters() -> None:
+    street = first_light_street(1)
+    mesh = Terrain(street).mesh()
+    edges = np.sort(mesh.triangles[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1)
+    _, uses = np.unique(edges, axis=0, return_counts=True)
+    columns, rows = np.unique(mesh.vertices_m[:, 0]).size, np.unique(mesh.vertices_m[:, 1]).size
+    assert (uses == 1).sum() == 2 * (columns - 1) + 2 * (rows - 1)
+    hole = street.obstacle(1)
+    near = np.hypot(mesh.vertices_m[:, 0] - hole.x_m, mesh.vertices_m[:, 1] - hole.y_m) < 0.3
+    assert near.sum() > 0.9 * np.pi * 0.3**2 / 0.02**2
