@@ -38,8 +38,7 @@ class Grid:
         cell = index[inside, 0] * n + index[inside, 1]
         chosen = None if weight is None else weight[inside]
         total = np.bincount(cell, weights=chosen, minlength=n * n).astype(np.float64).reshape(n, n)
-        smooth: FloatArray = gaussian_filter(total, sigma_m / CELL_M, mode="constant", truncate=3.5)
-        return smooth
+        return np.asarray(gaussian_filter(total, sigma_m / CELL_M, mode="constant", truncate=3.5), dtype=np.float64)
 
     def kernel_at(self, distance_m: float, sigma_m: float = SIGMA_M) -> float:
         """Smoothed count that one hit makes at a distance from it."""
@@ -47,7 +46,7 @@ class Grid:
 
     def centres_m(self) -> FloatArray:
         """Coordinate (G,) of the cells' centres along one axis."""
-        return (np.arange(self.cells) + 0.5) * CELL_M - self.half_size_m
+        return (np.arange(self.cells, dtype=np.float64) + 0.5) * CELL_M - self.half_size_m
 
     def inside(self, polygon_m: FloatArray) -> np.ndarray:
         """Mask (G, G) of the cells whose centre lies in a polygon (K, 2)."""

@@ -1,0 +1,122 @@
+"""The box of one pass: right, and the same from pass to pass."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from detector.accumulator import PlaceHits
+from detector.shape import jackknife_covariance, measure, views
+from detector.types import DetectedObstacle, ObstacleKind
+from tests.unit.detector.passes import FRONT_ONLY, hits_of_pass
+from tests.unit.detector.scenes import Block, Hole, Street
+
+LARGE = Hole(0.0, 0.5, 0.9, 0.7, 0.12, 0.3)
+MEDIUM = Hole(0.0, 0.5, 0.6, 0.45, 0.10, 0.3)
+
+
+def measured(street: Street, is_negative: bool, seed: int, **given) -> DetectedObstacle:  # type: ignore[no-untyped-def]
+    obstacle = measure(hits_of_pass(street, 0.0, 0.5, -1.5 + seed % 2, seed, **given), is_negative)
+    assert obstacle is not None
+    return obstacle
+
+
+@pytest.mark.parametrize(("hole", "repeat"), [(LARGE, 0.03), (MEDIUM, 0.06)])
+def test_the_area_of_a_holes_box_is_right_and_repeats_from_pass_to_pass(hole: Hole, repeat: float) -> None:
+    boxes = [measured(Street(holes=(hole,)), True, seed) for seed in range(8)]
+    areas = np.array([b.length_m * b.width_m for b in boxes])
+    assert areas == pytest.approx(hole.length * hole.width, rel=0.10)
+    assert np.log(areas).std() < repeat
+    assert all(b.view_front and b.view_rear for b in boxes)
+    assert [b.relief_m for b in boxes] == pytest.approx([hole.depth] * 8, rel=0.15)
+    for box in boxes:
+        assert box.centre_m[:2] == pytest.approx([0.0, 0.5], abs=0.02)
+        assert box.kind is ObstacleKind.POTHOLE
+        assert box.hits > 0
+        assert len(box.points_m) <= 512
+
+
+def test_the_yaw_of_an_elongated_hole_is_that_of_its_length() -> None:
+    hole = measured(Street(holes=(Hole(0.0, 0.5, 1.0, 0.5, 0.12, 0.6),)), True, 3)
+    assert hole.yaw_rad == pytest.approx(0.6, abs=0.06)
+
+
+def test_a_hole_seen_from_the_front_only_says_so_and_is_less_sure() -> None:
+    both = measured(Street(holes=(LARGE,)), True, 1)
+    front = measured(Street(holes=(LARGE,)), True, 1, stretch=FRONT_ONLY)
+    assert (front.view_front, front.view_rear) == (True, False)
+    assert front.ln_area_sd >= 0.04 > both.ln_area_sd >= 0.012
+    assert front.length_m * front.width_m == pytest.approx(0.63, rel=0.15)
+
+
+@pytest.mark.parametrize("stretch", [(-14.0, 14.0), FRONT_ONLY])
+def test_a_box_on_the_road_is_debris_of_its_height(stretch: tuple[float, float]) -> None:
+    debris = measured(Street(blocks=(Block(0.0, 0.5, 0.5, 0.35, 0.25),)), False, 2, stretch=stretch)
+    assert debris.kind is ObstacleKind.DEBRIS
+    assert debris.relief_m == pytest.approx(0.25, abs=0.02)
+    assert debris.centre_m[:2] == pytest.approx([0.0, 0.5], abs=0.06)
+
+
+def test_a_smooth_rise_is_a_bump() -> None:
+    bump = measured(Street(holes=(Hole(0.0, 0.5, 0.8, 2.0, -0.09, 0.0, 1.0),)), False, 2)
+    assert bump.kind is ObstacleKind.BUMP
+    assert bump.relief_m == pytest.approx(0.09, abs=0.02)
+    assert bump.length_m > 2 * bump.width_m
+
+
+@pytest.mark.parametrize("is_negative", [True, False])
+def test_there_is_nothing_to_measure_on_a_sound_road(is_negative: bool) -> None:
+    for seed in range(3):
+        assert measure(hits_of_pass(Street(), 0.0, 0.5, -1.5, seed), is_negative) is None
+
+
+@pytest.mark.parametrize("is_negative", [True, False])
+def test_too_few_hits_are_not_measured(is_negative: bool) -> None:
+    hits = hits_of_pass(Street(holes=(LARGE,)), 0.0, 0.5, -1.5, 1)
+    none = PlaceHits(np.empty((0, 3)), np.empty(0, dtype=np.int64), np.empty((0, 3)), hits.centre_odom_m, 1.5)
+    one_frame = PlaceHits(
+        hits.points_m[hits.frame == 0], hits.frame[hits.frame == 0], hits.origins_m[:1], hits.centre_odom_m, 1.5
+    )
+    assert measure(none, is_negative) is None
+    assert measure(one_frame, is_negative) is None
+
+
+@settings(max_examples=5, deadline=None)
+@given(st.floats(-np.pi, np.pi), st.floats(-500, 500), st.floats(-500, 500), st.floats(-20, 20))
+def test_the_measure_turns_and_moves_with_the_world(angle: float, x: float, y: float, z: float) -> None:
+    hits = hits_of_pass(Street(holes=(Hole(0.0, 0.5, 1.0, 0.6, 0.12, 0.3),)), 0.0, 0.5, -1.5, 4)
+    turn = np.array([[np.cos(angle), -np.sin(angle), 0], [np.sin(angle), np.cos(angle), 0], [0, 0, 1.0]])
+    shift = np.array([x, y, z])
+    middle = turn[:2, :2] @ hits.centre_odom_m + shift[:2]
+    turned = PlaceHits(hits.points_m @ turn.T + shift, hits.frame, hits.origins_m @ turn.T + shift, middle, 1.5)
+    before, after = measure(hits, True), measure(turned, True)
+    assert before is not None
+    assert after is not None
+    assert after.length_m == pytest.approx(before.length_m, rel=0.03)
+    assert after.width_m == pytest.approx(before.width_m, rel=0.03)
+    assert after.centre_m == pytest.approx(turn @ before.centre_m + shift, abs=0.015)
+    difference = after.yaw_rad - before.yaw_rad - angle
+    assert abs(np.sin(difference)) < 0.08
+
+
+def test_the_same_hits_give_the_same_obstacle() -> None:
+    hits = hits_of_pass(Street(holes=(LARGE,)), 0.0, 0.5, -1.5, 5)
+    assert repr(measure(hits, True)) == repr(measure(hits, True))
+
+
+def test_the_view_is_given_by_where_the_sensor_was() -> None:
+    def seen(*x: float) -> tuple[bool, bool]:
+        origins = np.array([[v, 0.0, 2.4] for v in x])
+        return views(PlaceHits(np.zeros((0, 3)), np.zeros(0, dtype=np.int64), origins, np.zeros(2), 1.5))
+
+    assert seen(-8.0, -5.0) == (True, False)
+    assert seen(4.0, 8.0) == (False, True)
+    assert seen(-5.0, 5.0) == (True, True)
+
+
+def test_the_jackknife_of_a_mean_is_the_variance_of_the_mean() -> None:
+    values = np.random.default_rng(1).normal(size=(20, 1))
+    left_out = (values.sum() - values) / 19
+    assert jackknife_covariance(left_out)[0, 0] == pytest.approx(values.var(ddof=1) / 20)
