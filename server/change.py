@@ -70,15 +70,14 @@ def changes(old: Size, new: Size, sds: float, policy: Change) -> list[str]:
 
 
 def fused(a: Size, b: Size) -> Size:
-    """Inverse-variance mean of two sizes in logarithms; the direction is that of the better one."""
+    """Inverse-variance mean of two sizes, of sides in logarithms, of directions modulo pi."""
     length_mm, ln_length = _fused_ln(a.box.length_mm, a.sd.ln_length, b.box.length_mm, b.sd.ln_length)
     width_mm, ln_width = _fused_ln(a.box.width_mm, a.sd.ln_width, b.box.width_mm, b.sd.ln_width)
     relief_mm, relief_sd_mm = _fused(a.box.relief_mm, a.sd.relief_mm, b.box.relief_mm, b.sd.relief_mm)
-    better = a if a.sd.ln_area <= b.sd.ln_area else b
     box = Box(
         length_mm=max(length_mm, width_mm),
         width_mm=min(length_mm, width_mm),
-        yaw_rad=better.box.yaw_rad,
+        yaw_rad=_fused_yaw_rad(a, b),
         relief_mm=round(relief_mm),
     )
     _, ln_area = _fused(0.0, a.sd.ln_area, 0.0, b.sd.ln_area)
@@ -101,7 +100,7 @@ def _changes(old: Size, new: Size, sds: float, policy: Change) -> Iterator[str]:
             math.log(b.width_mm / a.width_mm), old.sd.ln_width, new.sd.ln_width, sds
         ):
             yield "width"
-        if _overlap_lost(a, b, policy) and _jointly_significant(old, new, sds, policy):
+        if _overlap_lost(a, b, policy) and _jointly_significant(old, new, policy.overlap_factor * sds, policy):
             yield "overlap"
     relief_change_mm = b.relief_mm - a.relief_mm
     if (
@@ -133,16 +132,21 @@ def _jointly_significant(old: Size, new: Size, sds: float, policy: Change) -> bo
     statistic += (math.log(new.box.width_mm / old.box.width_mm) / width_sd) ** 2
     freedoms = 2
     if not _is_round(old.box, new.box, policy):
-        statistic += (turn_rad(old.box, new.box) / _combined(_yaw_sd_rad(old), _yaw_sd_rad(new))) ** 2
+        yaw_sd_rad = _combined(_yaw_sd_rad(old, policy), _yaw_sd_rad(new, policy))
+        statistic += (turn_rad(old.box, new.box) / yaw_sd_rad) ** 2
         freedoms = 3
     return statistic > float(chdtri(freedoms, math.erfc(sds / math.sqrt(2))))
 
 
-def _yaw_sd_rad(size: Size) -> float:
-    """Noise of a moment box's direction: an eigenvector turns by noise over the difference of the eigenvalues."""
+def _yaw_sd_rad(size: Size, policy: Change) -> float:
+    """Noise of a moment box's direction: an eigenvector turns by noise over the difference of the eigenvalues.
+
+    The heading of the vehicle adds to it, once for each pass.
+    """
     ratio = elongation(size.box)
     side_sd = math.hypot(size.sd.ln_length, size.sd.ln_width) / math.sqrt(2)
-    return math.sqrt(2) * side_sd * ratio / max(ratio**2 - 1, _LEAST_SD)
+    turn_sd_rad = math.sqrt(2) * side_sd * ratio / max(ratio**2 - 1, _LEAST_SD)
+    return math.hypot(turn_sd_rad, policy.heading_sd_rad / math.sqrt(size.passes))
 
 
 def _plan_change_mm(a: Box, b: Box, policy: Change) -> float:
@@ -167,6 +171,15 @@ def _folded(references: tuple[Size, ...], reference: Size, measured: Size, polic
 def _fused_ln(a_mm: int, a_sd: float, b_mm: int, b_sd: float) -> tuple[int, float]:
     mean, sd = _fused(math.log(a_mm), a_sd, math.log(b_mm), b_sd)
     return round(math.exp(mean)), sd
+
+
+def _fused_yaw_rad(a: Size, b: Size) -> float:
+    """Mean direction: directions modulo pi are averaged as doubled angles."""
+    a_weight, b_weight = (1 / max(size.sd.ln_area, _LEAST_SD) ** 2 for size in (a, b))
+    sine = a_weight * math.sin(2 * a.box.yaw_rad) + b_weight * math.sin(2 * b.box.yaw_rad)
+    cosine = a_weight * math.cos(2 * a.box.yaw_rad) + b_weight * math.cos(2 * b.box.yaw_rad)
+    # The second modulo catches a tiny negative angle, which the first one rounds up to pi.
+    return math.atan2(sine, cosine) / 2 % math.pi % math.pi
 
 
 def _fused(a: float, a_sd: float, b: float, b_sd: float) -> tuple[float, float]:

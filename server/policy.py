@@ -94,6 +94,8 @@ class Change:
     """Depth repeats to 5 % with a bias of up to 15 % on small holes: 15 % would be noise."""
     round_elongation: float = 1.2
     """The direction of a nearly round box is noise."""
+    heading_sd_rad: float = 0.05
+    """A vehicle's heading from its course is good to 1 to 3 degrees, and turns every box it reports."""
     plan_floor_mm: int = 50
     """Below this a LiDAR does not resolve a side."""
     relief_floor_mm: int = 20
@@ -102,6 +104,8 @@ class Change:
     """One noisy pass in 370."""
     confirmed_sds: float = 2.0
     """Two passes that agree need less each."""
+    overlap_factor: float = 2.0
+    """A lost overlap asks for twice the sds: directions have heavier tails than sizes, and holes do not turn."""
     greatest_ln_area_sd: float = 0.12
     """A worse measurement says that the obstacle is there, not how large it is."""
     reference_passes: int = 3
@@ -156,6 +160,7 @@ COOPERATION = Policy()
 
 PAPER = Policy(
     change=Change(
+        heading_sd_rad=0.0,
         plan_floor_mm=0,
         relief_floor_mm=0,
         at_once_sds=0.0,
