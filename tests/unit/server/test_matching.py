@@ -1,0 +1,97 @@
+"""Which obstacle is which detection."""
+
+from __future__ import annotations
+
+import numpy as np
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from contract.geometry import LatLon
+from server.geodesy import distance_m, east_north_m, offset_from
+from tests.unit.server.making import HOUR, NOON, PATRAS, Road, detection
+
+offsets = st.floats(-500, 500)
+
+
+@given(st.floats(-84, 84), st.floats(-180, 180), offsets, offsets)
+@settings(max_examples=200, deadline=None)
+def test_offsets_survive_the_way_over_the_ellipsoid(
+    latitude_deg: float, longitude_deg: float, east_m: float, north_m: float
+) -> None:
+    origin = LatLon(latitude_deg=latitude_deg, longitude_deg=longitude_deg)
+    there = offset_from(origin, np.array([east_m, north_m]))
+    assert np.allclose(east_north_m(there, origin), [east_m, north_m], atol=1e-4)
+    assert abs(distance_m(origin, there) - np.hypot(east_m, north_m)) < 1e-3
+
+
+def test_a_common_offset_of_the_report_is_estimated() -> None:
+    """Three holes 3 m apart, a report 2.5 m off: each is found, none is taken for its neighbour."""
+    road = Road()
+    holes = [(0.0, 0.0), (3.0, 0.0), (0.0, 4.0)]
+    road.sees("ego1", NOON, *(detection(e, n) for e, n in holes), pose_sd_m=1.5)
+    ids = list(road.obstacles)
+    again = road.sees("ego2", NOON + HOUR, *(detection(e + 2.5, n) for e, n in holes), pose_sd_m=1.5)
+    assert [d.obstacle.id for d in again if d.obstacle] == ids
+
+
+def test_matching_is_one_to_one() -> None:
+    road = Road()
+    road.sees("ego1", NOON, detection(0, 0))
+    again = road.sees("ego2", NOON + HOUR, detection(0.2, 0), detection(2.0, 0))
+    assert sorted(decision.outcome.value for decision in again) == ["created", "kept"]
+
+
+def test_shape_decides_between_neighbours_at_the_same_distance() -> None:
+    road = Road()
+    road.sees("ego1", NOON, detection(-1.5, 0, 400, 350), detection(1.5, 0, 2000, 1500))
+    small, large = road.obstacles.values()
+    for wanted, seen in ((small, detection(0, 0, 400, 350)), (large, detection(0, 0, 2000, 1500))):
+        (decision,) = _copy(road).sees("ego2", NOON + HOUR, seen, pose_sd_m=2.0)
+        assert decision.obstacle is not None
+        assert decision.obstacle.id == wanted.id
+
+
+def _copy(road: Road) -> Road:
+    copy = Road(road.policy)
+    copy.obstacles = dict(road.obstacles)
+    return copy
+
+
+def test_the_gate_grows_with_the_covariances() -> None:
+    decisions = []
+    for pose_sd_m in (0.2, 3.0):
+        road = Road()
+        road.sees("ego1", NOON, detection(0, 0), pose_sd_m=pose_sd_m)
+        decisions += road.sees("ego2", NOON + HOUR, detection(5, 0), pose_sd_m=pose_sd_m)
+    assert [decision.outcome.value for decision in decisions] == ["created", "kept"]
+
+
+def test_a_bridge_above_is_another_place() -> None:
+    road = Road()
+    road.sees("ego1", NOON, detection(), altitude_sd_m=0.5)
+    (decision,) = road.sees("ego2", NOON + HOUR, detection(), altitude_m=28.0, altitude_sd_m=0.5)
+    assert decision.outcome.value == "created"
+
+
+def test_five_holes_stay_five_under_gnss_noise() -> None:
+    """Twenty passes, GNSS 1.5 m per pass: without the common shift 0.17 duplicates an obstacle were measured."""
+    random, road = np.random.default_rng(3), Road()
+    holes = np.array([[0, 0], [1.5, 0.5], [4, -1], [6, 2], [9, 0]], dtype=float)
+    for number in range(20):
+        bias = random.normal(0, 1.5, 2)
+        seen = [detection(*(hole + bias + random.normal(0, 0.03, 2)), 700, 500) for hole in holes]
+        road.sees(f"ego{number}", NOON + number * HOUR, *seen, pose_sd_m=1.5)
+    assert len(road.obstacles) == 5
+    found = np.array([east_north_m(o.place.position, PATRAS) for o in road.obstacles.values()])
+    errors_m = np.linalg.norm(found[:, None] - holes[None], axis=2).min(axis=1)
+    assert float(np.median(errors_m)) < 1.0
+
+
+def test_an_unmatched_report_among_many_obstacles_is_bounded() -> None:
+    road = Road()
+    for number in range(6):
+        seen = [detection(3.0 * east, 3.0 * number, 500, 400) for east in range(10)]
+        road.sees("ego1", NOON, *seen, pose_sd_m=0.3)
+    assert len(road.obstacles) == 60
+    again = [detection(3.0 * east, 6.0, 500, 400) for east in range(10)]
+    assert {d.outcome.value for d in road.sees("ego2", NOON + HOUR, *again, pose_sd_m=0.3)} == {"kept"}
