@@ -32,6 +32,8 @@ MAX_EXTENT_M = 2.5
 EDGE_MARGIN_M = 0.2
 HUMP_HEIGHT_M = 0.15
 HUMP_MIN_WIDTH_M = 1.0
+# Two hits at the road's edge are the kerb; two beyond what is well seen may be anything.
+MIN_HUMP_HITS = 4
 # A hole is verified by the road seen before and behind it: at most this far, plus what ring spacing (growing with the
 # square of range) leaves unseen.
 BORDER_REACH_M = 1.0
@@ -161,8 +163,14 @@ def _is_scenery(
     if is_negative:
         return bool(at_edge or max(extent_along, extent_across) > MAX_EXTENT_M)
     height = residual.max()
-    is_hump = height < HUMP_HEIGHT_M and extent_across >= HUMP_MIN_WIDTH_M and extent_across > extent_along
-    if along.min() > MAX_HOLE_RANGE_M and height < MIN_FAR_HEIGHT_M:
+    few = along.size < MIN_HUMP_HITS
+    is_hump = (
+        height < HUMP_HEIGHT_M
+        and not (few and at_edge)
+        and extent_across >= HUMP_MIN_WIDTH_M
+        and extent_across > extent_along
+    )
+    if along.min() > MAX_HOLE_RANGE_M and (few or height < MIN_FAR_HEIGHT_M):
         return True
     if is_hump:
         return bool(extent_along > MAX_EXTENT_M)

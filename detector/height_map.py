@@ -40,6 +40,14 @@ class Grid:
         total = np.bincount(cell, weights=chosen, minlength=n * n).astype(np.float64).reshape(n, n)
         return np.asarray(gaussian_filter(total, sigma_m / CELL_M, mode="constant", truncate=3.5), dtype=np.float64)
 
+    def cell_means(self, xy_m: FloatArray, values: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Centres (M, 2) of the cells that were hit and the mean (M,) of the samples in each."""
+        index = np.floor((xy_m + self.half_size_m) / CELL_M).astype(np.int64)
+        hit, cell = np.unique(index, axis=0, return_inverse=True)
+        mean = np.bincount(cell.ravel(), weights=values) / np.bincount(cell.ravel())
+        centres = (hit.astype(np.float64) + 0.5) * CELL_M - self.half_size_m
+        return centres, np.asarray(mean, dtype=np.float64)
+
     def kernel_at(self, distance_m: float, sigma_m: float = SIGMA_M) -> float:
         """Smoothed count that one hit makes at a distance from it."""
         return float((CELL_M / sigma_m) ** 2 / (2.0 * np.pi) * np.exp(-0.5 * (distance_m / sigma_m) ** 2))
@@ -61,20 +69,19 @@ def smooth_mean(grid: Grid, xy_m: FloatArray, values: FloatArray) -> Map:
 
 
 def region_of(relief_m: Map, grid: Grid, threshold_m: float, seed_radius_m: float) -> np.ndarray | None:
-    """Mask of the largest connected region above the threshold that begins within the radius of the middle.
+    """Mask of the connected region above the threshold that has the most volume within the radius of the middle.
 
-    "Largest" by volume, so that a stone beside a hole's rim, or noise, is not taken for it.
+    Volume, so that a stone beside a hole's rim is not taken for it; near the middle, so that no kerb is.
     """
     labels, count = label(relief_m > threshold_m, structure=np.ones((3, 3), dtype=np.int64))
     if count == 0:
         return None
     centres = grid.centres_m()
     near = np.hypot(centres[:, None], centres[None, :]) < seed_radius_m
-    volume = np.bincount(labels.ravel(), weights=relief_m.ravel(), minlength=count + 1)
-    touching = np.unique(labels[near & (labels > 0)])
-    if touching.size == 0:
+    volume = np.bincount(labels[near], weights=relief_m[near], minlength=count + 1)[1:]
+    if volume.max() <= 0.0:
         return None
-    return np.asarray(labels == touching[int(np.argmax(volume[touching]))])
+    return np.asarray(labels == int(np.argmax(volume)) + 1)
 
 
 def contour_around(values: Map, level: float, grid: Grid, region: np.ndarray) -> FloatArray | None:

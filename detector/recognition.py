@@ -22,7 +22,7 @@ MIN_SIDE_M = 0.05
 EVIDENCE_SCALE = 72.0
 # Speed humps are at most 10 to 12 cm high by regulation; what is higher lies on the road.
 DEBRIS_HEIGHT_M = 0.14
-BUMP_MIN_WIDTH_M = 1.0
+BUMP_MIN_LENGTH_M = 0.4
 
 
 def recognise(points_m: FloatArray, residual_m: FloatArray, noise_m: FloatArray, cluster: Cluster) -> DetectedObstacle:
@@ -104,6 +104,6 @@ def _kind(is_negative: bool, height_m: float, length_m: float) -> ObstacleKind:
     """A first guess; whether a rise is a bump or debris is decided over several sweeps (`detector.shape`)."""
     if is_negative:
         return ObstacleKind.POTHOLE
-    if height_m > DEBRIS_HEIGHT_M or length_m < BUMP_MIN_WIDTH_M:
+    if height_m > DEBRIS_HEIGHT_M or length_m < BUMP_MIN_LENGTH_M:
         return ObstacleKind.DEBRIS
     return ObstacleKind.BUMP

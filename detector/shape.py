@@ -14,7 +14,7 @@ from scipy.ndimage import uniform_filter
 
 from detector.accumulator import PlaceHits
 from detector.descriptor import Moments, describe, moment_box, polygon_moments
-from detector.height_map import CELL_M, SIGMA_M, Grid, Map, contour_around, region_of, smooth_mean
+from detector.height_map import CELL_M, Grid, Map, contour_around, region_of, smooth_mean
 from detector.local_surface import local_residuals
 from detector.recognition import thin
 from detector.types import DetectedObstacle, FloatArray, ObstacleKind
@@ -23,6 +23,8 @@ MIN_HITS = 30
 MIN_FRAMES = 2
 # Outline level as a share of the depth or height.
 LEVEL_SHARE = 0.3
+# Halfway up is unbiased for upright sides.
+RISE_LEVEL_SHARE = 0.5
 # Relief below this is texture and noise of the road.
 MIN_RELIEF_M = 0.02
 MIN_SIDE_M = 0.1
@@ -107,7 +109,7 @@ def _samples(hits: PlaceHits, relief: FloatArray) -> Samples:
 
 
 def _outline(samples: Samples, grid: Grid, is_negative: bool) -> Outline | None:
-    """Outline at 0.3 of the relief, where as much speaks for the obstacle as against it."""
+    """Outline: of a hole where as much speaks for air as for road at 0.3 of its depth, of a rise by its height."""
     relief_m = smooth_mean(grid, samples.xy_m, samples.relief_m)
     region = region_of(relief_m, grid, MIN_RELIEF_M, SEED_RADIUS_M)
     if region is None:
@@ -115,8 +117,11 @@ def _outline(samples: Samples, grid: Grid, is_negative: bool) -> Outline | None:
     relief = _mean_relief(relief_m[region])
     if relief < MIN_RELIEF_M:
         return None
-    share = _obstacle_share(samples, grid, LEVEL_SHARE * relief, is_negative)
-    polygon = contour_around(share, 0.5, grid, region & (relief_m > LEVEL_SHARE * relief))
+    core = region & (relief_m > LEVEL_SHARE * relief)
+    if is_negative:
+        polygon = contour_around(_hole_share(samples, grid, LEVEL_SHARE * relief), 0.5, grid, core)
+    else:
+        polygon = contour_around(_rise_height(samples, grid, relief), RISE_LEVEL_SHARE, grid, core)
     if polygon is None:
         return None
     moments = polygon_moments(polygon)
@@ -133,35 +138,32 @@ def _mean_relief(values: FloatArray) -> float:
     return float(deep[(deep >= low) & (deep <= high)].mean())
 
 
-def _obstacle_share(samples: Samples, grid: Grid, level: float, is_negative: bool) -> Map:
-    """Share (G, G) of the evidence for the obstacle: of air below the road, or of matter above it."""
-    beyond = samples.relief_m > level
-    sigma = SIGMA_M if is_negative else RISE_SIGMA_M
-    air = _air_samples(samples, level, is_negative)
-    solid = grid.smooth_count(samples.xy_m[~beyond], sigma_m=sigma)
-    passed = AIR_WEIGHT * grid.smooth_count(air, sigma_m=sigma)
-    if is_negative:
-        evidence = passed + solid
-        return np.asarray(passed / (evidence + 1e-3 * evidence.max() + 1e-12))
-    matter = grid.smooth_count(samples.xy_m[beyond], sigma_m=sigma)
-    evidence = matter + passed + solid
-    # Behind a thing nothing is hit: a hit speaks for its surroundings and no farther.
-    return np.asarray(matter / (evidence + grid.kernel_at(HIT_REACH_SIGMAS * sigma, sigma)))
+def _hole_share(samples: Samples, grid: Grid, level: float) -> Map:
+    """Share (G, G) of air in what is known below the road: rays passed there, or hit the road."""
+    deep = samples.relief_m > level
+    solid = grid.smooth_count(samples.xy_m[~deep])
+    free = AIR_WEIGHT * grid.smooth_count(_air_samples(samples, level))
+    evidence = free + solid
+    return np.asarray(free / (evidence + 1e-3 * evidence.max() + 1e-12))
 
 
-def _air_samples(samples: Samples, level: float, is_negative: bool) -> FloatArray:
-    """Places (M, 2) that rays passed through: inside a hole below `level`, or beside a rise lower than `level`."""
-    if is_negative:
-        chosen = samples.relief_m > level
-        height = samples.relief_m[chosen] - level
-    else:
-        chosen = samples.relief_m <= level
-        height = level - np.maximum(samples.relief_m[chosen], 0.0)
-    length = np.minimum(height / samples.tangent[chosen], MAX_AIR_M)
+def _air_samples(samples: Samples, level: float) -> FloatArray:
+    """Places (M, 2) below `level` that rays passed through, from where they crossed it to their hit."""
+    deep = samples.relief_m > level
+    length = np.minimum((samples.relief_m[deep] - level) / samples.tangent[deep], MAX_AIR_M)
     steps = np.arange(0.0, MAX_AIR_M + AIR_STEP_M / 2, AIR_STEP_M)
     within = steps[None, :] <= length[:, None]
-    places = samples.xy_m[chosen][:, None, :] + steps[None, :, None] * samples.to_sensor[chosen][:, None, :]
+    places = samples.xy_m[deep][:, None, :] + steps[None, :, None] * samples.to_sensor[deep][:, None, :]
     return np.asarray(places[within])
+
+
+def _rise_height(samples: Samples, grid: Grid, height_m: float) -> Map:
+    """Height (G, G) as a share of the rise's; gaps in a thing are bridged, and its shadow counts as road."""
+    # A side facing the car collects many hits; cell means let it weigh no more than the road before it.
+    places, height = grid.cell_means(samples.xy_m, samples.relief_m)
+    count = grid.smooth_count(places, sigma_m=RISE_SIGMA_M)
+    total = grid.smooth_count(places, np.clip(height / height_m, 0.0, 1.0), RISE_SIGMA_M)
+    return np.asarray(total / (count + grid.kernel_at(HIT_REACH_SIGMAS * RISE_SIGMA_M, RISE_SIGMA_M)))
 
 
 def _jackknife(samples: Samples, grid: Grid, is_negative: bool) -> FloatArray:

@@ -12,8 +12,8 @@ from detector.robust import MAD_TO_SD, fit_tukey, quadratic_terms, tukey_weight
 from detector.types import FloatArray
 
 CELL_M = 0.25
-# The strip is evaluated this far beyond the kerbs, so that places at the road's edge can be looked at.
-MARGIN_M = 1.0
+# The strip is evaluated this far beyond its edges, and no farther: a pavement would bend the road around a place.
+MARGIN_M = 0.25
 # A 6 % grade against the car's own plane, and a crown or kerb on top of it.
 BAND_M = 0.3
 BAND_GRADE = 0.06
