@@ -42,7 +42,7 @@ AZIMUTH_MARGIN_RAD = 0.01
 # A stripe along one ring, far longer than the gaps to the rings beside it are wide, is that ring's calibration.
 MAX_STRIPE_RATIO = 3.0
 # This many hits within this width sample it densely enough to say that it is a stone's gap and no pothole.
-DENSE_HITS = 4
+DENSE_HITS = 3
 MIN_HOLE_WIDTH_M = 0.12
 # Of the hits between a hole's nearest and farthest the flagged ones must be most.
 MIN_INNER_SHARE = 0.5
