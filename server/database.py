@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 from collections.abc import AsyncIterator
 from contextlib import AsyncExitStack, asynccontextmanager
+from pathlib import Path
 
 from sqlalchemy import Connection, event
 from sqlalchemy.engine.interfaces import DBAPIConnection
@@ -34,6 +35,9 @@ class Database:
         """A database by its SQLAlchemy URL; nothing is connected yet."""
         engine = create_async_engine(url, pool_pre_ping=True)
         if engine.dialect.name == "sqlite":
+            folder = Path(engine.url.database or "").parent
+            if not folder.is_dir():
+                raise UnavailableError(f"the database cannot be opened: there is no folder {folder}")
             event.listen(engine.sync_engine, "connect", _configure_sqlite)
             event.listen(engine.sync_engine, "begin", _begin_sqlite)
         return cls(engine)

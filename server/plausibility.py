@@ -13,13 +13,11 @@ from server.geodesy import matrix_m2
 from server.policy import Plausibility, Times
 
 
-def report_rejection(
-    report: ObservationReport, observed_at: datetime, now: datetime, limits: Plausibility, times: Times
-) -> str | None:
-    """Why a whole report is rejected, or None. `observed_at` is corrected for the vehicle's clock."""
-    if observed_at - now > times.future:
+def report_rejection(report: ObservationReport, age: timedelta, limits: Plausibility, times: Times) -> str | None:
+    """Why a whole report is rejected, or None. `age` is that of the observation, corrected for the vehicle's clock."""
+    if age < -times.future:
         return "in-the-future"
-    if now - observed_at > times.oldest:
+    if age > times.oldest:
         return "too-old"
     if abs(report.origin.position.latitude_deg) > limits.greatest_latitude_deg:
         return "beyond-the-map"

@@ -184,11 +184,10 @@ class Service:
         correction = clock_correction(parcel.sent_at, parcel.received_at, policy.times)
         if correction is None:
             return "clock-skew"
-        late_by = parcel.received_at - message.observed_at - correction
-        observed_at = parcel.received_at - late_by
-        if rejection := report_rejection(message, observed_at, parcel.received_at, policy.plausibility, policy.times):
+        age = parcel.received_at - message.observed_at - correction
+        if rejection := report_rejection(message, age, policy.plausibility, policy.times):
             return rejection
-        return rules.Report(message, observed_at, parcel.key_id, parcel.witness)
+        return rules.Report(message, parcel.received_at - age, parcel.key_id, parcel.witness)
 
     def _area(self, report: ObservationReport) -> tuple[LatLon, float]:
         """The circle that holds all a report could match: what it saw, the gate, and an obstacle's allowed drift."""

@@ -26,10 +26,12 @@ OPERATOR_KEY = "the-operator's-key-of-the-tests-0123456789"
 
 @pytest.fixture(scope="session")
 def postgres() -> Iterator[PostgresServer]:
-    """A PostgreSQL of this test process, on a Unix socket, with fsync as in production."""
+    """A PostgreSQL of this test process, on a Unix socket; nothing here survives, so it need not reach the disk."""
     with tempfile.TemporaryDirectory(prefix=f"headsup-pg-{os.getpid()}-") as folder:
         Path(folder).chmod(0o755)
         server = get_server(Path(folder) / "data", cleanup_mode="stop")
+        server.psql("ALTER SYSTEM SET fsync = off;")
+        server.psql("SELECT pg_reload_conf();")
         yield server
         server.cleanup()
 

@@ -121,6 +121,13 @@ async def test_impossible_times_are_rejected(
     assert (result.status, result.reason) == ("rejected", reason)
 
 
+@pytest.mark.parametrize("year", [1, 9999])
+async def test_the_ends_of_the_calendar_are_rejected(client: httpx.AsyncClient, year: int) -> None:
+    last = datetime(year, 12, 31, 23, 59, 59, tzinfo=UTC)
+    results = await posted(client, message(detection(), at=last), sent_at=datetime.now(UTC) - timedelta(minutes=9))
+    assert [result.status for result in results] == ["rejected"]
+
+
 async def test_a_clock_that_is_minutes_wrong_is_corrected(client: httpx.AsyncClient) -> None:
     now = datetime.now(UTC)
     fast = timedelta(minutes=5)

@@ -1,0 +1,152 @@
+"""The server as its own process: the commands, durability, and refusals in one line."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from datetime import UTC, datetime
+from pathlib import Path
+
+import httpx
+import pytest
+from sqlalchemy import create_engine, text
+from typer import Typer
+from typer.testing import CliRunner, Result
+
+from contract.observation import ObservationBatch, ObservationBatchResult
+from headsup import server_commands
+from tests.unit.server.making import HOUR, detection, message
+
+PROGRAM = "from headsup.server_commands import serve; import typer; typer.run(serve)"
+
+
+@pytest.fixture
+def url(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> str:
+    url = f"sqlite+aiosqlite:///{tmp_path}/headsup.sqlite3"
+    monkeypatch.setenv("HEADSUP_DATABASE_URL", url)
+    return url
+
+
+@contextmanager
+def serving(*options: str) -> Iterator[tuple[subprocess.Popen[str], httpx.Client]]:
+    command = [sys.executable, "-c", PROGRAM, "--port", "0", *options]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True) as process:
+        try:
+            assert process.stdout is not None
+            announced = process.stdout.readline().split()
+            assert announced[:2] == ["listening", "on"]
+            with httpx.Client(base_url=announced[2], trust_env=False) as client:
+                yield process, client
+        finally:
+            process.kill()
+
+
+def commands(*arguments: str) -> Result:
+    app = Typer()
+    app.add_typer(server_commands.keys_app, name="keys")
+    app.add_typer(server_commands.db_app, name="db")
+    app.command("serve")(server_commands.serve)
+    return CliRunner().invoke(app, arguments)
+
+
+def batch(number: int) -> str:
+    report = message(detection(15 * (number % 7), 8 * number), at=datetime.now(UTC) - HOUR, number=number)
+    return ObservationBatch(sent_at=datetime.now(UTC), reports=(report,)).model_dump_json()
+
+
+def test_an_answered_write_survives_a_kill(url: str) -> None:
+    answered = []
+    with serving() as (process, client):
+        for number in range(10):
+            answer = client.post(
+                "/v1/observations", content=batch(number), headers={"Content-Type": "application/json"}
+            )
+            answered += ObservationBatchResult.model_validate_json(answer.content).results[0].detections
+        process.send_signal(signal.SIGKILL)
+        process.wait()
+    with serving() as (_, client):
+        found = [client.get(f"/v1/obstacles/{item.obstacle_id}").status_code for item in answered]
+    assert found == [200] * 10
+
+
+def test_an_interrupted_server_ends_by_itself(url: str) -> None:
+    with serving() as (process, client):
+        assert client.get("/healthz").status_code == 200
+        process.send_signal(signal.SIGTERM)
+        process.wait(15)
+        assert process.returncode in (0, -signal.SIGTERM, 128 + signal.SIGTERM)
+
+
+def test_a_database_in_use_is_durable_and_checked(url: str, tmp_path: Path) -> None:
+    with serving():
+        engine = create_engine(f"sqlite:///{tmp_path}/headsup.sqlite3")
+        with engine.connect() as connection:
+            assert connection.execute(text("PRAGMA journal_mode")).scalar_one() == "wal"
+            tables = connection.execute(text("SELECT count(*) FROM sqlite_master WHERE name = 'obstacle'"))
+            assert tables.scalar_one() == 1
+        engine.dispose()
+
+
+def test_without_a_key_the_server_does_not_listen_beyond_loopback(url: str) -> None:
+    result = commands("serve", "--host", "0.0.0.0", "--port", "0")  # noqa: S104
+    assert result.exit_code == 1
+    assert result.stderr.strip().splitlines()[-1].startswith("refusing to listen on 0.0.0.0")
+
+
+def test_a_schema_of_another_version_is_refused_naming_the_command(url: str, tmp_path: Path) -> None:
+    assert commands("db", "upgrade").exit_code == 0
+    engine = create_engine(f"sqlite:///{tmp_path}/headsup.sqlite3")
+    with engine.begin() as connection:
+        connection.execute(text("UPDATE alembic_version SET version_num = 'older'"))
+    engine.dispose()
+    result = commands("serve", "--port", "0")
+    assert result.exit_code == 1
+    assert "run `headsup db upgrade`" in result.stderr
+
+
+def test_a_key_is_printed_once_and_alone_and_only_its_hash_is_kept(url: str, tmp_path: Path) -> None:
+    created = commands("keys", "create", "--role", "vehicle", "--name", "ego1")
+    key = created.stdout.strip()
+    assert (created.exit_code, len(key.split())) == (0, 1)
+    assert key.encode() not in (tmp_path / "headsup.sqlite3").read_bytes()
+    listed = commands("keys", "list").stdout
+    assert "ego1" in listed
+    assert "valid" in listed
+    identifier = listed.split()[0]
+    assert commands("keys", "revoke", identifier).exit_code == 0
+    assert "revoked" in commands("keys", "list").stdout
+    assert commands("keys", "revoke", identifier).exit_code == 1
+
+
+def test_a_key_opens_a_guarded_server(url: str) -> None:
+    key = commands("keys", "create", "--role", "vehicle", "--name", "ego1").stdout.strip()
+    with serving() as (_, client):
+        where = {"lat": 0, "lon": 0}
+        answers = [client.get("/v1/obstacles", params=where, headers=headers) for headers in ({}, bearer(key))]
+    assert [answer.status_code for answer in answers] == [401, 200]
+
+
+def bearer(key: str) -> dict[str, str]:
+    return {"Authorization": f"Bearer {key}"}
+
+
+@pytest.mark.parametrize(
+    ("variable", "value"),
+    [
+        ("HEADSUP_DATABASE_URL", "sqlite+aiosqlite:////nowhere/at/all.sqlite3"),
+        ("HEADSUP_DATABASE_URL", "mysql://x/y"),
+        ("HEADSUP_BOOTSTRAP_OPERATOR_KEY", "short"),
+        ("HEADSUP_PORT", "many"),
+    ],
+)
+def test_what_cannot_work_ends_with_one_line(
+    url: str, monkeypatch: pytest.MonkeyPatch, variable: str, value: str
+) -> None:
+    monkeypatch.setitem(os.environ, variable, value)
+    result = commands("serve")
+    assert result.exit_code == 1
+    assert len(result.stderr.strip().splitlines()) == 1
