@@ -15,7 +15,8 @@ from sqlalchemy.pool import ConnectionPoolEntry
 
 from server.errors import UnavailableError
 
-_BUSY_TIMEOUT_MS = 5_000
+# Well below a request's deadline, so that it is the request that gives up; commands wait this long.
+_BUSY_TIMEOUT_MS = 2_000
 # PostgreSQL: serialization failure, deadlock, unique violation.
 _STATES_WORTH_A_RETRY = frozenset({"40001", "40P01", "23505"})
 _SQLITE_WORTH_A_RETRY = ("database is locked", "UNIQUE constraint failed")

@@ -117,7 +117,10 @@ class Service:
         pause_s = _FIRST_PAUSE_S
         while time.monotonic() < deadline_s:
             try:
-                outcome = await self._attempt(parcel)
+                async with asyncio.timeout(deadline_s - time.monotonic()):
+                    outcome = await self._attempt(parcel)
+            except TimeoutError:
+                break
             except UnavailableError:
                 await _pause(pause_s)
             except DBAPIError as error:

@@ -175,6 +175,17 @@ async def test_twenty_writers_create_an_obstacle_at_a_tile_corner_once(client: h
     assert (feature.properties.sightings, feature.properties.witnesses) == (20, 20)
 
 
+async def test_two_servers_on_one_database_create_an_obstacle_once(settings: Settings) -> None:
+    corner = LatLon(latitude_deg=0.0, longitude_deg=0.0)
+    async with serving(settings) as one, serving(settings) as other:
+        reports = [message(detection(0, 0), vehicle=f"ego{n}", at=ago(1), position=corner) for n in range(20)]
+        pairs = zip([one, other] * 10, reports, strict=True)
+        results = await asyncio.gather(*(posted(client, report) for client, report in pairs))
+        (feature,) = await near(other, corner)
+    assert sorted(result[0].detections[0].decision.value for result in results) == ["created"] + ["kept"] * 19
+    assert feature.properties.sightings == 20
+
+
 async def test_the_same_report_sent_at_once_twice_counts_once(client: httpx.AsyncClient) -> None:
     report = message(detection(), at=ago(1))
     results = await asyncio.gather(*(posted(client, report) for _ in range(5)))
