@@ -22,8 +22,8 @@ Float32Array = NDArray[np.float32]
 HAZE_LENGTH_M = 1_400.0
 """A clear day near the sea: distant hills fade, the street does not."""
 
-RAYS_AT_ONCE = 160_000
-"""So many rays' intermediate arrays stay within a processor's cache of some ten megabytes."""
+RAYS_AT_ONCE = 40_000
+"""So many rays' intermediate arrays stay within a processor's cache of some megabytes (measured)."""
 
 SHADOW_OFFSET_M = 0.004
 """Shadow rays start this far off the surface: float32 resolves 0.03 mm at the street's far end."""

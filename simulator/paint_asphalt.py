@@ -43,7 +43,7 @@ class AsphaltPaint:
         stains = self._stains.smooth(x, y)
         tone = 1 + 0.22 * grain + 0.10 * mottle + 0.13 * stains - _polish(y)
         colour = ASPHALT * np.maximum(tone, 0.25)[:, None]
-        colour = self._repaired(colour, x, y, view.pixel_m)
+        self._repair(colour, x, y, view.pixel_m)
         colour *= 1 - 0.62 * self._cracks(x, y, along)[:, None]
         colour = blend(
             colour, WHITE * (1 + 0.10 * grain)[:, None], self._marks(x, y, view.pixel_m, along, mottle, grain)
@@ -56,13 +56,14 @@ class AsphaltPaint:
                 _paint_obstacle(placed, placed.shape, view, grain, mottle, colour, openness)
         return Paint.matt(colour, openness * self._beside_cars(x, y))
 
-    def _repaired(self, colour: Float32Array, x: Float32Array, y: Float32Array, pixel: Float32Array) -> Float32Array:
+    def _repair(self, colour: Float32Array, x: Float32Array, y: Float32Array, pixel: Float32Array) -> None:
         """Darker rectangles where the road was opened, sealed with bitumen."""
         for x0, y0, half_length, half_width, shade in self._repairs:
-            inside = np.minimum(half_length - np.abs(x - x0), half_width - np.abs(y - y0))
-            colour = colour * (1 - (1 - shade) * step(inside, 0.0, pixel))[:, None]
-            colour = colour * (1 - 0.5 * stripe(inside, 0.02, pixel))[:, None]
-        return np.asarray(colour)
+            near = np.flatnonzero(np.abs(x - x0) < half_length + 0.5)
+            if near.size:
+                inside = np.minimum(half_length - np.abs(x[near] - x0), half_width - np.abs(y[near] - y0))
+                shaded = 1 - (1 - shade) * step(inside, 0.0, pixel[near])
+                colour[near] *= (shaded * (1 - 0.5 * stripe(inside, 0.02, pixel[near])))[:, None]
 
     def _cracks(self, x: Float32Array, y: Float32Array, along: Float32Array) -> Float32Array:
         """Share of crack in a pixel: zero crossings of noise where the road is tired, and the joint of the lanes."""
@@ -152,4 +153,5 @@ def _paint_obstacle(
     else:
         web = np.abs(np.sin(7 * np.arctan2(v, u) + 2.5 * mottle[near])) < 0.16
         cracked = (web & (height > 0.15) & (height < 0.9)).astype(np.float32)
-        colour[near] *= (1.12 - 0.45 * cracked * np.clip(0.02 / view.pixel_m[near], 0, 1))[:, None]
+        worn = 1 + 0.18 * np.clip(2 * height, 0, 1)
+        colour[near] *= (worn - 0.45 * cracked * np.clip(0.02 / view.pixel_m[near], 0, 1))[:, None]

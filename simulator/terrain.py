@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import itertools
+import math
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
@@ -58,12 +61,9 @@ class Terrain:
 
 
 def _lines(low: float, high: float, fine: list[tuple[float, float]]) -> FloatArray:
-    """Grid lines from low to high, denser within the fine intervals."""
+    """Grid lines from low to high: coarse cells that touch a fine interval are divided evenly, so none is a sliver."""
     coarse = np.linspace(low, high, round((high - low) / COARSE_STEP_M) + 1)
-    lines = [coarse[~np.any([(coarse > a) & (coarse < b) for a, b in fine] or [coarse > high], axis=0)]]
-    lines += [np.arange(max(a, low), min(b, high), FINE_STEP_M) for a, b in fine]
-    merged = np.unique(np.concatenate([*lines, [low, high]]))
-    # Intervals may overlap: lines closer than a quarter of a step make slivers and are dropped.
-    keep = np.concatenate([[True], np.diff(merged) > FINE_STEP_M / 4])
-    keep[-1] = True
-    return np.asarray(merged[keep])
+    cells = [(a, b, any(a < end and b > start for start, end in fine)) for a, b in itertools.pairwise(coarse)]
+    parts = math.ceil(COARSE_STEP_M / FINE_STEP_M)
+    divided = [np.linspace(a, b, parts if touched else 1, endpoint=False) for a, b, touched in cells]
+    return np.concatenate([*divided, coarse[-1:]])
