@@ -56,7 +56,7 @@ async def test_an_empty_postgresql_is_refused_until_it_is_upgraded(database_url:
 
 async def test_a_write_that_waits_too_long_is_answered_503_and_works_afterwards(database_url: str) -> None:
     """Another process holds the tiles; the vehicle is told when to come back, and nothing is left behind."""
-    settings, other = Settings(database_url=database_url, write_deadline_s=0.3), Database.open(database_url)
+    settings, other = Settings(database_url=database_url, write_deadline_s=2), Database.open(database_url)
     async with serving(settings) as client:
         async with other.write() as connection:
             await Repository(connection, COOPERATION.life).lock(tiles(PATRAS, 500))
