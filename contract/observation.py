@@ -30,7 +30,7 @@ class Descriptor(Message):
 
 
 class View(Message):
-    """How a size was measured; only equal views are compared and fused (`server_rules`: front-only boxes are smaller)."""
+    """How a size was measured; only equal views are compared and fused (front-only boxes come out smaller)."""
 
     front: bool = Field(description="seen while approaching")
     rear: bool = Field(description="seen after passing")

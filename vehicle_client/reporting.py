@@ -1,0 +1,168 @@
+"""What the car tells the server, as values: measured obstacles and inspections of known places become one report."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from datetime import UTC, datetime
+from uuid import UUID
+
+import numpy as np
+
+from contract.geometry import Box, BoxSd, Kind, PlaneCovariance, Sign
+from contract.observation import (
+    Descriptor,
+    Detection,
+    Inspection,
+    ObservationReport,
+    Origin,
+    Outcome,
+    View,
+)
+from contract.obstacle import ObstacleFeature
+from detector.inspection import KnownPlace, PlaceVerdict
+from detector.types import DetectedObstacle
+from vehicle_client.frames import Vector, apply, inverse, yaw_of
+from vehicle_client.obstacle_map import ObstacleMap, place_in_vehicle
+from vehicle_client.pose import Pose
+from vehicle_client.tracking import Track, Tracks
+
+ESTIMATOR = "ray-contour:1"
+"""Name and version of the estimator of `detector.shape`; the server compares only what was measured alike."""
+
+PASSED_M = 12.0
+"""An obstacle this far behind has been seen from both sides: hits beyond 12 m no longer sharpen its box."""
+
+WATCH_AHEAD_M = 30.0
+"""A known obstacle nearer than this ahead is on the list to be inspected."""
+
+WATCH_BESIDE_M = 10.0
+"""Beyond this sideways, no sweep of the pass is dense enough for a verdict."""
+
+
+def watch(watched: frozenset[UUID], known: ObstacleMap, pose: Pose) -> frozenset[UUID]:
+    """Add every obstacle of the map that lies ahead within range; it stays until it was inspected."""
+    near = (
+        obstacle_id
+        for obstacle_id, entry in known.obstacles.items()
+        if _is_approached(place_in_vehicle(entry.feature, pose))
+    )
+    return watched.union(near)
+
+
+def _is_approached(place_vehicle_m: Vector) -> bool:
+    ahead_m, beside_m = float(place_vehicle_m[0]), float(place_vehicle_m[1])
+    return 0 < ahead_m < WATCH_AHEAD_M and abs(beside_m) < WATCH_BESIDE_M
+
+
+def due_inspections(watched: frozenset[UUID], known: ObstacleMap, pose: Pose, *, at_end: bool) -> list[ObstacleFeature]:
+    """Watched obstacles, as the server last described them, that the car has passed (at the end: all that remain)."""
+    features = [known.obstacles[i].feature for i in sorted(watched) if i in known.obstacles]
+    return [f for f in features if at_end or place_in_vehicle(f, pose)[0] < -PASSED_M]
+
+
+def due_tracks(tracks: Tracks, pose: Pose, *, at_end: bool) -> list[Track]:
+    """Believed, unreported tracks that the car has passed (at the end of a drive: all that remain)."""
+    vehicle_from_odom = inverse(pose.odom_from_vehicle)
+    return [
+        t
+        for t in tracks.tracks
+        if t.confirmed
+        and not t.reported
+        and (at_end or float(apply(vehicle_from_odom, t.centre_odom_m)[0]) < -PASSED_M)
+    ]
+
+
+def known_place(feature: ObstacleFeature, pose: Pose) -> KnownPlace:
+    """A known obstacle as the detector inspects it: in `odom`, with the uncertainty of both positions."""
+    properties = feature.properties
+    centre_enu = pose.origin.enu(feature.position, properties.altitude_m)
+    stored_m2 = (properties.position_covariance.east_m2 + properties.position_covariance.north_m2) / 2
+    return KnownPlace(
+        centre_odom_m=apply(inverse(pose.enu_from_odom), centre_enu),
+        length_m=properties.box.length_mm / 1000,
+        width_m=properties.box.width_mm / 1000,
+        yaw_rad=(properties.box.yaw_rad - yaw_of(pose.enu_from_odom)) % math.pi,
+        relief_m=properties.box.relief_mm / 1000,
+        is_negative=properties.sign is Sign.NEGATIVE,
+        place_sd_m=math.sqrt(stored_m2 + pose.sd_m**2),
+    )
+
+
+def compose_report(
+    report_id: UUID,
+    pose: Pose,
+    measured: Sequence[DetectedObstacle],
+    verdicts: Sequence[tuple[UUID, PlaceVerdict]],
+    *,
+    pseudonym: str,
+    sensor: str,
+) -> ObservationReport:
+    """One report of what a pass showed; obstacles are given in `odom`, their places leave relative to the car."""
+    position, altitude_m = pose.position, pose.altitude_m
+    pose_m2 = pose.sd_m**2
+    return ObservationReport(
+        report_id=report_id,
+        observed_at=datetime.fromtimestamp(pose.stamp_s, UTC),
+        pseudonym=pseudonym,
+        sensor=sensor,
+        estimator=ESTIMATOR,
+        origin=Origin(
+            position=position,
+            altitude_m=altitude_m,
+            altitude_sd_m=pose.altitude_sd_m,
+            heading_rad=pose.heading_rad,
+            covariance=PlaneCovariance(east_m2=pose_m2, north_m2=pose_m2),
+        ),
+        detections=tuple(detection_of(obstacle, pose) for obstacle in measured),
+        inspections=tuple(
+            Inspection(obstacle_id=i, outcome=Outcome(v.outcome), visible_fraction=v.visible_fraction)
+            for i, v in verdicts
+        ),
+    )
+
+
+def detection_of(obstacle: DetectedObstacle, pose: Pose) -> Detection:
+    """A measured obstacle in `odom` as the contract's detection: east, north, up from the car."""
+    turn = pose.enu_from_odom[:3, :3]
+    # Within sight of the car the axes of its own east-north-up frame and of the drive's differ by less than 1 mm.
+    offset = apply(pose.enu_from_odom, obstacle.centre_m) - pose.enu_from_vehicle[:3, 3]
+    covariance = turn[:2, :2] @ obstacle.centre_covariance_m2 @ turn[:2, :2].T
+    length_mm, width_mm = round(obstacle.length_m * 1000), round(obstacle.width_m * 1000)
+    points_cm = np.rint(obstacle.points_m.astype(np.float64) @ turn.T * 100).astype(int)
+    return Detection(
+        kind=Kind(obstacle.kind),
+        east_m=float(offset[0]),
+        north_m=float(offset[1]),
+        up_m=float(offset[2]),
+        covariance=PlaneCovariance(
+            east_m2=float(covariance[0, 0]),
+            north_m2=float(covariance[1, 1]),
+            east_north_m2=float(covariance[0, 1]),
+        ),
+        box=Box(
+            length_mm=max(length_mm, 1),
+            width_mm=max(width_mm, 1),
+            yaw_rad=(obstacle.yaw_rad + yaw_of(pose.enu_from_odom)) % math.pi,
+            relief_mm=round(obstacle.relief_m * 1000),
+        ),
+        box_sd=BoxSd(
+            ln_length=obstacle.ln_length_sd,
+            ln_width=obstacle.ln_width_sd,
+            ln_area=obstacle.ln_area_sd,
+            relief_mm=obstacle.relief_sd_m * 1000,
+        ),
+        volume_m3=obstacle.volume_m3,
+        confidence=obstacle.confidence,
+        view=View(
+            front=obstacle.view_front,
+            rear=obstacle.view_rear,
+            hits=obstacle.hits,
+            frames=obstacle.frames,
+            least_range_m=obstacle.least_range_m,
+        ),
+        descriptor=Descriptor(
+            name=obstacle.descriptor.name, version=obstacle.descriptor.version, values=obstacle.descriptor.values
+        ),
+        points_cm=tuple((int(e), int(n), int(u)) for e, n, u in points_cm),
+    )

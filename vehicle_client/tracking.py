@@ -1,0 +1,138 @@
+"""One obstacle is seen in many frames: tracks in `odom`, as a pure fold over the detections of each frame."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from detector.types import DetectedObstacle, ObstacleKind
+from vehicle_client.frames import Matrix, Vector, apply
+
+GATE_M = 1.2
+"""A detection joins a track nearer than this: above a frame's error of a centre, below the gap of two holes."""
+
+CONFIRMED_AFTER = 3
+"""Sightings that make a track believed; a single frame's false cluster does not repeat in `odom`."""
+
+FORGET_M = 40.0
+"""Tracks this far behind the car are dropped: nothing there is measured any more."""
+
+
+@dataclass(frozen=True, slots=True)
+class Track:
+    """One obstacle over frames. `first_range_m` is the distance at which it was first seen."""
+
+    track_id: int
+    centre_odom_m: Vector
+    is_negative: bool
+    bump_votes: int
+    debris_votes: int
+    length_m: float
+    width_m: float
+    yaw_rad: float
+    sightings: int
+    first_stamp_s: float
+    first_range_m: float
+    last_stamp_s: float
+    reported: bool = False
+
+    @property
+    def kind(self) -> ObstacleKind:
+        """What most frames took it for: a single one easily confuses bump and debris."""
+        if self.is_negative:
+            return ObstacleKind.POTHOLE
+        return ObstacleKind.BUMP if self.bump_votes >= self.debris_votes else ObstacleKind.DEBRIS
+
+    @property
+    def confirmed(self) -> bool:
+        """Whether it was seen often enough to be believed."""
+        return self.sightings >= CONFIRMED_AFTER
+
+
+@dataclass(frozen=True, slots=True)
+class Tracks:
+    """All tracks of a drive near the car, and the number the next one gets."""
+
+    tracks: tuple[Track, ...] = ()
+    next_id: int = 1
+
+    def marked_reported(self, track_ids: Sequence[int]) -> Tracks:
+        """The same tracks, with those of `track_ids` marked as reported."""
+        chosen = set(track_ids)
+        return replace(self, tracks=tuple(replace(t, reported=t.reported or t.track_id in chosen) for t in self.tracks))
+
+
+def update(state: Tracks, detected: Sequence[DetectedObstacle], odom_from_sensor: Matrix, stamp_s: float) -> Tracks:
+    """Join the detections of one frame (in `sensor`) to the nearest tracks of the same sign, one to one."""
+    tracks = {track.track_id: track for track in state.tracks}
+    next_id = state.next_id
+    centres = [apply(odom_from_sensor, obstacle.centre_m) for obstacle in detected]
+    free = set(range(len(detected)))
+    for _, track_id, index in sorted(_pairs(state.tracks, detected, centres)):
+        if index in free and tracks[track_id].last_stamp_s < stamp_s:
+            tracks[track_id] = _joined(tracks[track_id], detected[index], centres[index], odom_from_sensor, stamp_s)
+            free.remove(index)
+    for index in sorted(free):
+        tracks[next_id] = _begun(next_id, detected[index], centres[index], odom_from_sensor, stamp_s)
+        next_id += 1
+    kept = tuple(t for t in tracks.values() if _ahead_m(t.centre_odom_m, odom_from_sensor) > -FORGET_M)
+    return Tracks(kept, next_id)
+
+
+def _pairs(
+    tracks: Sequence[Track], detected: Sequence[DetectedObstacle], centres: Sequence[Vector]
+) -> list[tuple[float, int, int]]:
+    pairs = []
+    for track in tracks:
+        for index, (obstacle, centre) in enumerate(zip(detected, centres, strict=True)):
+            distance_m = float(np.linalg.norm(centre[:2] - track.centre_odom_m[:2]))
+            if distance_m < GATE_M and obstacle.kind.is_negative == track.is_negative:
+                pairs.append((distance_m, track.track_id, index))
+    return pairs
+
+
+def _begun(
+    track_id: int, obstacle: DetectedObstacle, centre: Vector, odom_from_sensor: Matrix, stamp_s: float
+) -> Track:
+    return Track(
+        track_id=track_id,
+        centre_odom_m=centre,
+        is_negative=obstacle.kind.is_negative,
+        bump_votes=int(obstacle.kind is ObstacleKind.BUMP),
+        debris_votes=int(obstacle.kind is ObstacleKind.DEBRIS),
+        length_m=obstacle.length_m,
+        width_m=obstacle.width_m,
+        yaw_rad=_yaw_in_odom(obstacle, odom_from_sensor),
+        sightings=1,
+        first_stamp_s=stamp_s,
+        first_range_m=float(np.hypot(obstacle.centre_m[0], obstacle.centre_m[1])),
+        last_stamp_s=stamp_s,
+    )
+
+
+def _joined(
+    track: Track, obstacle: DetectedObstacle, centre: Vector, odom_from_sensor: Matrix, stamp_s: float
+) -> Track:
+    # Half and half: on the approach the latest frame is the nearest and therefore the best.
+    return replace(
+        track,
+        centre_odom_m=(track.centre_odom_m + centre) / 2,
+        bump_votes=track.bump_votes + (obstacle.kind is ObstacleKind.BUMP),
+        debris_votes=track.debris_votes + (obstacle.kind is ObstacleKind.DEBRIS),
+        length_m=(track.length_m + obstacle.length_m) / 2,
+        width_m=(track.width_m + obstacle.width_m) / 2,
+        yaw_rad=_yaw_in_odom(obstacle, odom_from_sensor),
+        sightings=track.sightings + 1,
+        last_stamp_s=stamp_s,
+    )
+
+
+def _yaw_in_odom(obstacle: DetectedObstacle, odom_from_sensor: Matrix) -> float:
+    turn = np.arctan2(odom_from_sensor[1, 0], odom_from_sensor[0, 0])
+    return float((obstacle.yaw_rad + turn) % np.pi)
+
+
+def _ahead_m(point_odom_m: Vector, odom_from_sensor: Matrix) -> float:
+    return float((point_odom_m - odom_from_sensor[:3, 3]) @ odom_from_sensor[:3, 0])
