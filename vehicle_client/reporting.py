@@ -22,6 +22,7 @@ from contract.observation import (
 from contract.obstacle import ObstacleFeature
 from detector.inspection import KnownPlace, PlaceVerdict
 from detector.types import DetectedObstacle
+from vehicle_client.alignment import Alignment
 from vehicle_client.frames import Vector, apply, inverse, yaw_of
 from vehicle_client.obstacle_map import ObstacleMap, place_in_vehicle
 from vehicle_client.pose import Pose
@@ -73,19 +74,20 @@ def due_tracks(tracks: Tracks, pose: Pose, *, at_end: bool) -> list[Track]:
     ]
 
 
-def known_place(feature: ObstacleFeature, pose: Pose) -> KnownPlace:
-    """A known obstacle as the detector inspects it: in `odom`, with the uncertainty of both positions."""
+def known_place(feature: ObstacleFeature, pose: Pose, alignment: Alignment) -> KnownPlace:
+    """A known obstacle as the detector inspects it: in `odom`, laid on what the car sees, with what remains unsure."""
     properties = feature.properties
     centre_enu = pose.origin.enu(feature.position, properties.altitude_m)
     stored_m2 = (properties.position_covariance.east_m2 + properties.position_covariance.north_m2) / 2
+    shift = np.array([*alignment.shift_m, 0.0])
     return KnownPlace(
-        centre_odom_m=apply(inverse(pose.enu_from_odom), centre_enu),
+        centre_odom_m=apply(inverse(pose.enu_from_odom), centre_enu) + shift,
         length_m=properties.box.length_mm / 1000,
         width_m=properties.box.width_mm / 1000,
         yaw_rad=(properties.box.yaw_rad - yaw_of(pose.enu_from_odom)) % math.pi,
         relief_m=properties.box.relief_mm / 1000,
         is_negative=properties.sign is Sign.NEGATIVE,
-        place_sd_m=math.sqrt(stored_m2 + pose.sd_m**2),
+        place_sd_m=alignment.place_sd_m(math.sqrt(stored_m2), pose.sd_m),
     )
 
 
