@@ -7,9 +7,8 @@ command -v "$python" > /dev/null || {
     echo "There is no $python. Install Python 3.11, or name yours: make PYTHON=/path/to/python3.11 ..." >&2
     exit 1
 }
-# The locked wheels of Open3D are for these two of the Python versions that the project supports.
-"$python" -c 'import sys; sys.exit(not (3, 11) <= sys.version_info[:2] <= (3, 12))' || {
-    echo "$python is $("$python" --version), but 3.11 or 3.12 is needed: make PYTHON=/path/to/python3.11 ..." >&2
+"$python" -c 'import sys; sys.exit(sys.version_info < (3, 11))' || {
+    echo "$("$python" --version) is too old, 3.11 is needed: make PYTHON=/path/to/python3.11 ..." >&2
     exit 1
 }
 "$python" -c 'import ensurepip, venv' 2> /dev/null || {
