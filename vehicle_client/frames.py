@@ -27,6 +27,13 @@ def heading_from_yaw(yaw_rad: float) -> float:
     return 0.0 if heading >= 2 * math.pi else heading
 
 
+def axis_yaw(yaw_rad: float) -> float:
+    """Yaw of a direction that has no front (the length of a box), in [0, pi)."""
+    yaw = yaw_rad % math.pi
+    # The remainder of a tiny negative number rounds up to pi itself.
+    return 0.0 if yaw >= math.pi else yaw
+
+
 def yaw_of(a_from_b: Matrix) -> float:
     """Yaw of frame b in frame a, radians, of a (4, 4) rigid transform."""
     return math.atan2(a_from_b[1, 0], a_from_b[0, 0])

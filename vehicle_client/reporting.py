@@ -23,7 +23,7 @@ from contract.obstacle import ObstacleFeature
 from detector.inspection import KnownPlace, PlaceVerdict
 from detector.types import DetectedObstacle
 from vehicle_client.alignment import Alignment
-from vehicle_client.frames import Vector, apply, inverse, yaw_of
+from vehicle_client.frames import Vector, apply, axis_yaw, inverse, yaw_of
 from vehicle_client.obstacle_map import ObstacleMap, place_in_vehicle
 from vehicle_client.pose import Pose
 from vehicle_client.tracking import Track, Tracks
@@ -84,7 +84,7 @@ def known_place(feature: ObstacleFeature, pose: Pose, alignment: Alignment) -> K
         centre_odom_m=apply(inverse(pose.enu_from_odom), centre_enu) + shift,
         length_m=properties.box.length_mm / 1000,
         width_m=properties.box.width_mm / 1000,
-        yaw_rad=(properties.box.yaw_rad - yaw_of(pose.enu_from_odom)) % math.pi,
+        yaw_rad=axis_yaw(properties.box.yaw_rad - yaw_of(pose.enu_from_odom)),
         relief_m=properties.box.relief_mm / 1000,
         is_negative=properties.sign is Sign.NEGATIVE,
         place_sd_m=alignment.place_sd_m(math.sqrt(stored_m2), pose.sd_m),
@@ -145,7 +145,7 @@ def detection_of(obstacle: DetectedObstacle, pose: Pose) -> Detection:
         box=Box(
             length_mm=max(length_mm, 1),
             width_mm=max(width_mm, 1),
-            yaw_rad=(obstacle.yaw_rad + yaw_of(pose.enu_from_odom)) % math.pi,
+            yaw_rad=axis_yaw(obstacle.yaw_rad + yaw_of(pose.enu_from_odom)),
             relief_mm=round(obstacle.relief_m * 1000),
         ),
         box_sd=BoxSd(

@@ -31,7 +31,7 @@ from contract.obstacle import ObstacleCollection, ObstacleFeature, ObstaclePrope
 uuids = st.uuids()
 revisions = st.integers(1, 10**9)
 names = st.from_regex(r"\A[A-Za-z0-9][A-Za-z0-9._:-]{0,63}\Z")
-times = st.datetimes(datetime(2000, 1, 1), datetime(2100, 1, 1), timezones=st.just(UTC))  # noqa: DTZ001
+times = st.datetimes(datetime(2000, 1, 1), datetime(2100, 1, 1), timezones=st.just(UTC))
 
 
 def reals(least: float, greatest: float) -> st.SearchStrategy[float]:

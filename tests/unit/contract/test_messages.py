@@ -99,7 +99,7 @@ def test_an_unknown_key_is_refused_everywhere(path: tuple[str | int, ...]) -> No
 @pytest.mark.parametrize(
     "time",
     [
-        datetime(2026, 6, 1, 12),  # noqa: DTZ001
+        datetime(2026, 6, 1, 12),
         datetime(1, 1, 1, tzinfo=timezone(timedelta(hours=14))),
         datetime(9999, 12, 31, 23, tzinfo=timezone(timedelta(hours=-12))),
         "2026-06-01T12:00:00",
