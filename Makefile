@@ -22,6 +22,7 @@ setup: $(INSTALLED) ## make .venv with everything that is locked, and the system
 $(INSTALLED): requirements.lock pyproject.toml scripts/check-python.sh scripts/system-libraries.sh
 	scripts/check-python.sh "$(PYTHON)"
 	test -x $(BIN)/python || "$(PYTHON)" -m venv $(VENV)
+	@echo "Installing the locked packages into $(VENV) (1.6 GB on disk) ..."
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --require-hashes -r requirements.lock
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps -e .
 	scripts/system-libraries.sh $(BIN)/python
