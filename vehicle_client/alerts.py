@@ -11,6 +11,7 @@ from typing import NamedTuple
 from uuid import UUID
 
 from contract.geometry import Kind
+from contract.obstacle import ObstacleFeature
 from vehicle_client.frames import Vector, apply, inverse
 from vehicle_client.obstacle_map import ObstacleMap, place_in_vehicle
 from vehicle_client.pose import Pose
@@ -46,6 +47,8 @@ STAGES: tuple[StageRow, ...] = (
     StageRow(Stage.WARN, 8.0, chime=True),
     StageRow(Stage.MARK, 2.5, chime=False),
 )
+
+CHIMING = frozenset(row.stage for row in STAGES if row.chime)
 
 TITLES: Mapping[Kind, str] = MappingProxyType(
     {Kind.POTHOLE: "Pothole ahead", Kind.BUMP: "Bump ahead", Kind.DEBRIS: "Debris on road"}
@@ -93,6 +96,12 @@ class Hazard:
         """Whether the own LiDAR sees it."""
         return self.track_id is not None
 
+    @property
+    def keys(self) -> tuple[str, ...]:
+        """Under which names its stage is remembered: the server's and the own one, since the two may part again."""
+        names = (("obstacle", self.obstacle_id), ("track", self.track_id))
+        return tuple(f"{name}-{number}" for name, number in names if number is not None)
+
 
 @dataclass(frozen=True, slots=True)
 class Alerts:
@@ -105,21 +114,26 @@ class Alerts:
 
 
 def choose(previous: Alerts, known: ObstacleMap, tracks: Sequence[Track], pose: Pose, now_s: float) -> Alerts:
-    """Hazards ahead in the order of distance, each with its stage; one chime for each obstacle on entering WARN."""
+    """Hazards ahead in the order of distance, each with its stage; one chime for each obstacle on entering WARN.
+
+    What was passed or is gone is forgotten, so that a second approach warns again.
+    """
     if pose.speed_mps < STANDSTILL_MPS:
         return Alerts(fresh=known.is_fresh(now_s), stages=previous.stages)
-    stages: dict[str, Stage] = dict(previous.stages)
+    stages: dict[str, Stage] = {}
     hazards: list[Hazard] = []
     chime = False
-    for hazard in _ahead(known, tracks, pose):
-        stage = stage_at(hazard.distance_m, pose.speed_mps)
+    for hazard in _not_passed(known, tracks, pose):
+        before = max((previous.stages[k] for k in hazard.keys if k in previous.stages), default=None)
+        on_way = abs(hazard.centre_vehicle_m[1]) < CORRIDOR_M
+        now = stage_at(hazard.distance_m, pose.speed_mps) if on_way else None
+        stage = max((s for s in (before, now) if s is not None), default=None)
         if stage is None:
             continue
-        key = str(hazard.obstacle_id or f"track-{hazard.track_id}")
-        before = stages.get(key)
-        stages[key] = max(stage, before or stage)
-        chime |= any(row.chime and (before or 0) < row.stage <= stages[key] for row in STAGES)
-        hazards.append(replace(hazard, stage=stages[key]))
+        stages.update(dict.fromkeys(hazard.keys, stage))
+        if on_way:
+            chime |= stage in CHIMING and stage != before
+            hazards.append(replace(hazard, stage=stage))
     hazards.sort(key=lambda h: h.distance_m)
     return Alerts(tuple(hazards), chime, known.is_fresh(now_s), MappingProxyType(stages))
 
@@ -136,34 +150,41 @@ def stage_at(distance_m: float, speed_mps: float) -> Stage | None:
     return reached
 
 
-def _ahead(known: ObstacleMap, tracks: Sequence[Track], pose: Pose) -> list[Hazard]:
+def _not_passed(known: ObstacleMap, tracks: Sequence[Track], pose: Pose) -> list[Hazard]:
     vehicle_from_odom = inverse(pose.odom_from_vehicle)
     own = {t.track_id: (t, apply(vehicle_from_odom, t.centre_odom_m)) for t in tracks if t.confirmed}
+    told = {i: (entry.feature, place_in_vehicle(entry.feature, pose)) for i, entry in known.obstacles.items()}
+    pairs = _one_to_one(told, own)
     hazards = []
-    for entry in known.obstacles.values():
-        place = place_in_vehicle(entry.feature, pose)
-        kind = entry.feature.properties.kind
-        track_id = _own_match(place, kind, own)
-        box = entry.feature.properties.box
+    for obstacle_id, (feature, place) in told.items():
+        kind, box = feature.properties.kind, feature.properties.box
+        track_id = pairs.get(obstacle_id)
         if track_id is None:
             yaw = box.yaw_rad - (math.pi / 2 - pose.heading_rad)
             shape = (box.length_mm / 1000, box.width_mm / 1000, yaw % math.pi)
-            hazards.append(_hazard(kind, place, shape, pose, entry.feature.id, None))
+            hazards.append(_hazard(kind, place, shape, pose, obstacle_id, None))
         else:
             track, centre = own.pop(track_id)
-            hazards.append(_hazard(kind, centre, _shape(track, pose), pose, entry.feature.id, track_id))
+            hazards.append(_hazard(kind, centre, _shape(track, pose), pose, obstacle_id, track_id))
     hazards += [_hazard(Kind(t.kind), centre, _shape(t, pose), pose, None, t.track_id) for t, centre in own.values()]
-    return [h for h in hazards if h.distance_m > 0 and abs(h.centre_vehicle_m[1]) < CORRIDOR_M]
+    return [h for h in hazards if h.distance_m > 0]
 
 
-def _own_match(place: Vector, kind: Kind, own: Mapping[int, tuple[Track, Vector]]) -> int | None:
-    distances = {
-        track_id: math.dist(place[:2], centre[:2])
+def _one_to_one(
+    told: Mapping[UUID, tuple[ObstacleFeature, Vector]], own: Mapping[int, tuple[Track, Vector]]
+) -> dict[UUID, int]:
+    """Track of each obstacle that the own LiDAR sees too: the nearest pairs of one sign first."""
+    distances = (
+        (math.dist(place[:2], centre[:2]), obstacle_id, track_id)
+        for obstacle_id, (feature, place) in told.items()
         for track_id, (track, centre) in own.items()
-        if Kind(track.kind).sign is kind.sign
-    }
-    nearest = min(distances, key=distances.__getitem__, default=None)
-    return nearest if nearest is not None and distances[nearest] < OWN_GATE_M else None
+        if Kind(track.kind).sign is feature.properties.sign
+    )
+    pairs: dict[UUID, int] = {}
+    for distance_m, obstacle_id, track_id in sorted(distances):
+        if distance_m < OWN_GATE_M and obstacle_id not in pairs and track_id not in pairs.values():
+            pairs[obstacle_id] = track_id
+    return pairs
 
 
 def _shape(track: Track, pose: Pose) -> tuple[float, float, float]:

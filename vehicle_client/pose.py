@@ -87,10 +87,13 @@ class PoseFilter:
 
 
 def update(state: PoseFilter, frame: LidarFrame) -> tuple[PoseFilter, Pose | None]:
-    """Fold one frame in. The pose is None without odometry, without a fix, or when the last fix is stale."""
-    if frame.odom_from_vehicle is None:
+    """Fold one frame in. The pose is None without odometry, without a fix, or when the last fix is stale.
+
+    Odometry or a fix that is not finite counts as none.
+    """
+    if frame.odom_from_vehicle is None or not np.isfinite(frame.odom_from_vehicle).all():
         return state, None
-    if frame.gnss is not None:
+    if frame.gnss is not None and _is_finite(frame.gnss):
         state = _with_fix(state, frame.gnss, frame.odom_from_vehicle, frame.stamp_s)
     if state.origin is None or state.last_fix is None or frame.stamp_s - state.last_fix_s > STALE_AFTER_S:
         return state, None
@@ -106,6 +109,10 @@ def update(state: PoseFilter, frame: LidarFrame) -> tuple[PoseFilter, Pose | Non
         speed_mps=frame.speed_mps or 0.0,
     )
     return state, pose
+
+
+def _is_finite(fix: GnssFix) -> bool:
+    return bool(np.isfinite([fix.altitude_m, fix.heading_rad, fix.sd_m, fix.altitude_sd_m]).all())
 
 
 def _with_fix(state: PoseFilter, fix: GnssFix, odom_from_vehicle: Matrix, stamp_s: float) -> PoseFilter:

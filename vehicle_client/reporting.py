@@ -23,7 +23,7 @@ from contract.obstacle import ObstacleFeature
 from detector.inspection import KnownPlace, PlaceVerdict
 from detector.types import DetectedObstacle
 from vehicle_client.alignment import Alignment
-from vehicle_client.frames import Vector, apply, axis_yaw, inverse, yaw_of
+from vehicle_client.frames import GeoOrigin, Vector, apply, axis_yaw, inverse, yaw_of
 from vehicle_client.obstacle_map import ObstacleMap, place_in_vehicle
 from vehicle_client.pose import Pose
 from vehicle_client.tracking import Track, Tracks
@@ -33,6 +33,10 @@ ESTIMATOR = "ray-contour:1"
 
 PASSED_M = 12.0
 """An obstacle this far behind has been seen from both sides: hits beyond 12 m no longer sharpen its box."""
+
+INSPECTED_M = 18.0
+"""A known place is judged this far behind the car: as late as its hits are kept (30 m of memory less 12 m of range),
+since what the car meets meanwhile tells how the map lies on the road."""
 
 WATCH_AHEAD_M = 30.0
 """A known obstacle nearer than this ahead is on the list to be inspected."""
@@ -59,7 +63,7 @@ def _is_approached(place_vehicle_m: Vector) -> bool:
 def due_inspections(watched: frozenset[UUID], known: ObstacleMap, pose: Pose, *, at_end: bool) -> list[ObstacleFeature]:
     """Watched obstacles, as the server last described them, that the car has passed (at the end: all that remain)."""
     features = [known.obstacles[i].feature for i in sorted(watched) if i in known.obstacles]
-    return [f for f in features if at_end or place_in_vehicle(f, pose)[0] < -PASSED_M]
+    return [f for f in features if at_end or place_in_vehicle(f, pose)[0] < -INSPECTED_M]
 
 
 def due_tracks(tracks: Tracks, pose: Pose, *, at_end: bool) -> list[Track]:
@@ -127,8 +131,10 @@ def compose_report(
 def detection_of(obstacle: DetectedObstacle, pose: Pose) -> Detection:
     """A measured obstacle in `odom` as the contract's detection: east, north, up from the car."""
     turn = pose.enu_from_odom[:3, :3]
-    # Within sight of the car the axes of its own east-north-up frame and of the drive's differ by less than 1 mm.
-    offset = apply(pose.enu_from_odom, obstacle.centre_m) - pose.enu_from_vehicle[:3, 3]
+    # Through WGS 84, since the report is relative to the car, and its horizon is not that of the drive's origin.
+    offset = GeoOrigin(pose.position, pose.altitude_m).enu(
+        *pose.origin.geodetic(apply(pose.enu_from_odom, obstacle.centre_m))
+    )
     covariance = turn[:2, :2] @ obstacle.centre_covariance_m2 @ turn[:2, :2].T
     length_mm, width_mm = round(obstacle.length_m * 1000), round(obstacle.width_m * 1000)
     points_cm = np.rint(obstacle.points_m.astype(np.float64) @ turn.T * 100).astype(int)

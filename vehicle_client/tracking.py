@@ -69,11 +69,12 @@ def update(state: Tracks, detected: Sequence[DetectedObstacle], odom_from_sensor
     tracks = {track.track_id: track for track in state.tracks}
     next_id = state.next_id
     centres = [apply(odom_from_sensor, obstacle.centre_m) for obstacle in detected]
-    free = set(range(len(detected)))
+    free, waiting = set(range(len(detected))), set(tracks)
     for _, track_id, index in sorted(_pairs(state.tracks, detected, centres)):
-        if index in free and tracks[track_id].last_stamp_s < stamp_s:
+        if index in free and track_id in waiting:
             tracks[track_id] = _joined(tracks[track_id], detected[index], centres[index], odom_from_sensor, stamp_s)
             free.remove(index)
+            waiting.remove(track_id)
     for index in sorted(free):
         tracks[next_id] = _begun(next_id, detected[index], centres[index], odom_from_sensor, stamp_s)
         next_id += 1

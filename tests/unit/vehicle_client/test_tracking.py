@@ -1,0 +1,143 @@
+"""Tracks: one obstacle over many frames is one, and two stay two."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from detector.types import DetectedObstacle, ObstacleKind
+from tests.unit.vehicle_client.making import planar, seen
+from vehicle_client.frames import apply, inverse
+from vehicle_client.tracking import CONFIRMED_AFTER, FORGET_M, GATE_M, Tracks, update
+
+POTHOLE, BUMP, DEBRIS = ObstacleKind
+
+
+def approached(
+    places: Sequence[tuple[float, float, ObstacleKind]], frames: int = 15, noise_m: float = 0.0, seed: int = 0
+) -> Tracks:
+    """Tracks after a drive along x in `odom` towards obstacles that stand in `odom`, a metre a frame, turning a bit."""
+    random = np.random.default_rng(seed)
+    tracks = Tracks()
+    for number in range(frames):
+        odom_from_sensor = planar(number, 0.0, 0.02 * number, 1.7)
+        detected = []
+        for x_m, y_m, kind in places:
+            place = apply(inverse(odom_from_sensor), np.array([x_m, y_m, 0.0]))
+            x, y = place[:2] + random.normal(0, noise_m, 2)
+            detected.append(seen(x, y, kind, z_m=place[2], yaw_rad=(0.3 - 0.02 * number) % np.pi))
+        tracks = update(tracks, detected, odom_from_sensor, number / 10)
+    return tracks
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_one_obstacle_over_many_frames_is_one_track_at_its_place(seed: int) -> None:
+    (track,) = approached([(25.0, 1.0, POTHOLE)], noise_m=0.1, seed=seed).tracks
+    assert track.sightings == 15
+    assert track.confirmed
+    assert track.centre_odom_m[:2] == pytest.approx([25.0, 1.0], abs=0.25)
+    assert track.first_range_m == pytest.approx(np.hypot(25, 1), abs=0.4)
+    assert track.yaw_rad == pytest.approx(0.3)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_two_holes_two_metres_apart_stay_two(seed: int) -> None:
+    tracks = approached([(25.0, 0.0, POTHOLE), (27.0, 0.0, POTHOLE)], noise_m=0.1, seed=seed).tracks
+    assert [track.sightings for track in tracks] == [15, 15]
+    assert sorted(track.centre_odom_m[0] for track in tracks) == pytest.approx([25, 27], abs=0.3)
+
+
+def test_a_hole_and_a_bump_at_one_place_are_two() -> None:
+    tracks = approached([(25.0, 0.0, POTHOLE), (25.2, 0.0, BUMP)]).tracks
+    assert [(track.kind, track.sightings) for track in tracks] == [(POTHOLE, 15), (BUMP, 15)]
+
+
+def test_a_track_is_believed_after_some_sightings_and_not_before() -> None:
+    for frames in range(1, 6):
+        (track,) = approached([(25.0, 0.0, DEBRIS)], frames).tracks
+        assert track.confirmed == (frames >= CONFIRMED_AFTER)
+
+
+@pytest.mark.parametrize(
+    ("kinds", "voted"),
+    [([DEBRIS, BUMP, DEBRIS], DEBRIS), ([DEBRIS, BUMP, BUMP], BUMP), ([BUMP, DEBRIS], BUMP), ([POTHOLE], POTHOLE)],
+)
+def test_the_kind_is_what_most_frames_took_it_for(kinds: list[ObstacleKind], voted: ObstacleKind) -> None:
+    tracks = Tracks()
+    for number, kind in enumerate(kinds):
+        tracks = update(tracks, [seen(10, 0, kind)], np.eye(4), float(number))
+    (track,) = tracks.tracks
+    assert track.kind is voted
+
+
+def test_what_lies_far_behind_is_dropped_and_its_number_is_not_given_again() -> None:
+    tracks = update(Tracks(), [seen(10, 0)], np.eye(4), 0.0)
+    assert len(update(tracks, [], planar(10 + FORGET_M - 0.1, 0, 0.0), 1.0).tracks) == 1
+    dropped = update(tracks, [], planar(10 + FORGET_M + 0.1, 0, 0.0), 1.0)
+    assert dropped.tracks == ()
+    assert [track.track_id for track in update(dropped, [seen(10, 0)], planar(60, 0, 0.0), 2.0).tracks] == [2]
+
+
+def test_a_frame_that_comes_twice_makes_no_second_track() -> None:
+    tracks = update(Tracks(), [seen(10, 0), seen(14, 0)], np.eye(4), 1.0)
+    assert len(update(tracks, [seen(10, 0), seen(14, 0)], np.eye(4), 1.0).tracks) == 2
+
+
+def test_a_detection_without_a_place_is_nothing() -> None:
+    assert update(Tracks(), [seen(np.nan, 0)], np.eye(4), 1.0).tracks == ()
+
+
+def test_reported_is_remembered() -> None:
+    tracks = approached([(20.0, 0.0, POTHOLE), (25.0, 0.0, POTHOLE)])
+    marked = tracks.marked_reported([2]).marked_reported([])
+    assert {track.track_id: track.reported for track in marked.tracks} == {1: False, 2: True}
+    again = update(marked, [seen(10, 0)], planar(15.0, 0.0, 0.0), 9.0)
+    assert {track.track_id: track.reported for track in again.tracks} == {1: False, 2: True}
+
+
+sights = st.lists(st.builds(seen, st.floats(5, 12), st.floats(-3, 3), st.sampled_from(ObstacleKind)), max_size=8)
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.lists(sights, min_size=1, max_size=4))
+def test_every_detection_joins_exactly_one_track_and_no_track_takes_two_of_a_frame(
+    frames: list[list[DetectedObstacle]],
+) -> None:
+    tracks = Tracks()
+    for number, detected in enumerate(frames):
+        after = update(tracks, detected, np.eye(4), float(number))
+        before = {track.track_id: track.sightings for track in tracks.tracks}
+        gained = [track.sightings - before.get(track.track_id, 0) for track in after.tracks]
+        assert set(gained) <= {0, 1}
+        assert sum(gained) == len(detected)
+        tracks = after
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.integers(0, 2**32 - 1))
+def test_tracking_is_deterministic_and_no_order_of_detections_matters(seed: int) -> None:
+    random = np.random.default_rng(seed)
+    one, same, other = Tracks(), Tracks(), Tracks()
+    for number in range(3):
+        places = random.uniform((5, -3), (12, 3), (random.integers(8), 2))
+        detected = [seen(x, y, list(ObstacleKind)[random.integers(3)]) for x, y in places]
+        shuffled = [detected[i] for i in random.permutation(len(detected))]
+        one, same = (update(state, detected, np.eye(4), float(number)) for state in (one, same))
+        other = update(other, shuffled, np.eye(4), float(number))
+    assert described(one) == described(same)
+    assert sorted(row[1:] for row in described(one)) == sorted(row[1:] for row in described(other))
+
+
+def described(tracks: Tracks) -> list[tuple[int, float, float, str, int]]:
+    return [(t.track_id, *t.centre_odom_m[:2].tolist(), t.kind.value, t.sightings) for t in tracks.tracks]
+
+
+@given(st.floats(0, 3))
+def test_a_detection_joins_within_the_gate_only(apart_m: float) -> None:
+    tracks = update(Tracks(), [seen(10, 0)], np.eye(4), 0.0)
+    after = update(tracks, [seen(10 + apart_m, 0)], np.eye(4), 0.1)
+    assert len(after.tracks) == (1 if (10 + apart_m) - 10 < GATE_M else 2)
