@@ -74,6 +74,11 @@ class Vehicle:
         self._heard_s = -np.inf
         self._waiting: dict[UUID, ObservationReport] = {}
 
+    @property
+    def waiting(self) -> int:
+        """Reports of this drive that the server has not answered yet."""
+        return len(self._waiting)
+
     def step(self, frame: LidarFrame) -> Step:
         """Take one frame in. Without a pose obstacles are detected, but nothing is reported or shown."""
         self._pose_filter, here = pose.update(self._pose_filter, frame)

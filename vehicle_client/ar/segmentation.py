@@ -29,6 +29,9 @@ OPACITY = 0.45
 OCCLUDER_MARGIN = 0.12
 """A point farther than its neighbour by this share of the range is behind it: the camera sits below the LiDAR."""
 
+NOWHERE_M = 1e6
+"""Depth of a pixel without a point: farther than any, and finite."""
+
 
 def paint_classes(
     camera: CameraCalibration, points_vehicle_m: NDArray[np.floating], labels: NDArray[np.uint8], image: Image
@@ -57,7 +60,7 @@ def class_image(
     usable = np.flatnonzero(is_inside(camera, pixels))
     order = usable[np.argsort(-depth_m[usable], kind="stable")]
     u, v = pixels[order].astype(int).T
-    nearest = np.full((camera.height_px, camera.width_px), np.inf, dtype=np.float32)
+    nearest = np.full((camera.height_px, camera.width_px), NOWHERE_M, dtype=np.float32)
     classes = np.full(nearest.shape, -1, dtype=np.int16)
     # Farthest first: where several points share a pixel, the nearest is written last.
     nearest[v, u] = depth_m[order]
@@ -79,8 +82,8 @@ def filled(classes: NDArray[np.int16], steps: int) -> NDArray[np.int16]:
 
 
 def _gap_px(camera: CameraCalibration) -> int:
-    # Scan lines of a 64-channel LiDAR over 40 degrees lie 0.6 degrees apart, columns 0.9: half of that, and a little.
-    return max(2, round(float(camera.matrix[0, 0]) * math.radians(0.6)))
+    # Scan lines of a 64-channel LiDAR over 40 degrees lie 0.6 degrees apart, columns 0.9.
+    return max(2, round(float(camera.matrix[0, 0]) * math.radians(0.8)))
 
 
 def _blend(image: Image, colours: NDArray[np.uint8], where: NDArray[np.bool_]) -> Image:

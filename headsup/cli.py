@@ -1,0 +1,30 @@
+"""`headsup`: every command of the project. Heavy imports happen inside a command, so that `--help` is instant."""
+
+from __future__ import annotations
+
+import typer
+
+from headsup.demo.command import demo
+from headsup.detect_command import detect_files
+from headsup.server_commands import db_app, keys_app, serve
+
+app = typer.Typer(
+    help="A car that sees a pothole warns every car behind it.",
+    no_args_is_help=True,
+    pretty_exceptions_enable=False,
+    rich_markup_mode=None,
+)
+app.command("demo")(demo)
+app.command("detect")(detect_files)
+app.command("serve")(serve)
+app.add_typer(keys_app, name="keys")
+app.add_typer(db_app, name="db")
+
+
+def main() -> None:
+    """Entry point of the `headsup` script."""
+    app()
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,143 @@
+"""The demo's pictures: stills at the moments that matter, rendered large, and the film of the second car's drive."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from detector.pipeline import detect
+from headsup.demo.problem import DemoError
+from headsup.demo.simulated import camera_calibration
+from simulator.camera import CameraModel
+from simulator.drive import DriveSample
+from simulator.world import World
+from vehicle_client.alerts import Hazard, Stage
+from vehicle_client.ar.segmentation import paint_classes, paint_saliency
+from vehicle_client.calibration import CameraCalibration, VehicleCalibration
+from vehicle_client.drive import Step, detector_input, driver_view
+from vehicle_client.frames import apply
+
+Image = NDArray[np.uint8]
+
+STILL = CameraModel(width_px=1280, height_px=720)
+SUPERSAMPLE = 2
+FRAMES_PER_S = 10.0
+
+
+@dataclass(frozen=True, slots=True)
+class Moment:
+    """A still to take once: of which car, when, its file name and what the report says below it."""
+
+    car: str
+    when: Callable[[Step], bool]
+    name: str
+    caption: str
+
+
+def _nearest(step: Step) -> Hazard | None:
+    return step.alerts.hazards[0] if step.alerts.hazards else None
+
+
+def _recognised_near(step: Step) -> bool:
+    hazard = _nearest(step)
+    return hazard is not None and hazard.recognised and 6.5 < hazard.distance_m < 10.0
+
+
+def _early(step: Step) -> bool:
+    hazard = _nearest(step)
+    return hazard is not None and hazard.stage is Stage.ADVISE and not hazard.recognised
+
+
+def _marked(step: Step) -> bool:
+    hazard = _nearest(step)
+    return hazard is not None and hazard.stage is Stage.WARN and not hazard.recognised and hazard.distance_m < 45.0
+
+
+MOMENTS = (
+    Moment("ego1", _recognised_near, "ego1-recognition", "ego1's own LiDAR recognises a hole that nobody knew."),
+    Moment(
+        "ego2",
+        _early,
+        "ego2-early-warning",
+        "ego2 is told by the server: the hole is far beyond what its LiDAR or its driver can see.",
+    ),
+    Moment("ego2", _marked, "ego2-marker", "Nearer, a beacon marks the place on the road; still nothing to be seen."),
+    Moment("ego2", _recognised_near, "ego2-recognition", "ego2's own LiDAR confirms it: the marker turns red."),
+)
+
+SEGMENTED = (
+    "segmentation",
+    "Classes of all points of ego2's sweep, gaps filled: safe blue, below the road yellow, "
+    "above it cyan, off the road purple, recognised obstacle red.",
+)
+SALIENCY = ("saliency", "The paper's saliency of the same sweep: rims and edges stand out, flat floors never do.")
+
+
+class Album:
+    """Takes each still once, at its moment, and keeps it in a folder."""
+
+    def __init__(self, folder: Path) -> None:
+        self._folder = folder
+        self.stills: dict[str, str] = {}
+        """Caption by file name, in the order taken."""
+
+    def consider(
+        self, car: str, step: Step, calibration: VehicleCalibration, world: World, sample: DriveSample
+    ) -> None:
+        """Take the stills whose moment this is."""
+        due = [m for m in MOMENTS if m.car == car and f"{m.name}.png" not in self.stills and m.when(step)]
+        if not due:
+            return
+        image = world.render(STILL, sample.street_from_vehicle, SUPERSAMPLE)
+        camera = camera_calibration(STILL)
+        for moment in due:
+            self._keep(moment.name, moment.caption, driver_view(step, calibration, camera, image, moment.car))
+            if moment.name == "ego2-recognition":
+                self._keep_sensor_views(step, calibration, camera, image)
+
+    def _keep_sensor_views(
+        self, step: Step, calibration: VehicleCalibration, camera: CameraCalibration, image: Image
+    ) -> None:
+        points = apply(calibration.vehicle_from_sensor, step.frame.points_m)
+        self._keep(*SEGMENTED, paint_classes(camera, points, step.detection.labels, image))
+        saliency = detect(detector_input(step.frame, calibration), method="saliency").saliency
+        self._keep(*SALIENCY, paint_saliency(camera, points, saliency, image))
+
+    def _keep(self, name: str, caption: str, image: Image) -> None:
+        path = self._folder / f"{name}.png"
+        if not cv2.imwrite(str(path), image):
+            raise DemoError(f"{path} cannot be written")
+        self.stills[path.name] = caption
+
+
+class Film:
+    """The driver's view of a whole drive, VP9 in MP4, 10 frames a second."""
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+        self._writer: cv2.VideoWriter | None = None
+
+    def add(self, step: Step, calibration: VehicleCalibration, camera: CameraCalibration) -> None:
+        """Append the view of a step whose frame carries the camera's image."""
+        if step.frame.image is None:
+            return
+        if self._writer is None:
+            self._writer = self._opened(camera)
+        self._writer.write(driver_view(step, calibration, camera, step.frame.image, "ego2"))
+
+    def close(self) -> None:
+        """Finish the file."""
+        if self._writer is not None:
+            self._writer.release()
+
+    def _opened(self, camera: CameraCalibration) -> cv2.VideoWriter:
+        code = cv2.VideoWriter.fourcc(*"vp09")
+        writer = cv2.VideoWriter(str(self._path), code, FRAMES_PER_S, (camera.width_px, camera.height_px))
+        if not writer.isOpened():
+            raise DemoError(f"{self._path} cannot be written as VP9 in MP4; run with --no-video")
+        return writer

@@ -1,0 +1,171 @@
+"""The demo, read from one file: five drives on one street that changes between them, and a server that remembers.
+
+1. ego1 sees two potholes, a bump and debris nobody knew: created.
+2. ego2 is warned by the server long before its own LiDAR sees them, then sees them: kept.
+3. A pothole has grown by a quarter; ego3 passes: updated.
+4. It has been filled; ego4 and ego5 pass and do not find it: absent, removed.
+"""
+
+from __future__ import annotations
+
+import math
+import tempfile
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import httpx
+
+from contract.geometry import Kind
+from contract.obstacle import ObstacleCollection
+from headsup.demo.pictures import Album, Film
+from headsup.demo.printing import Reporter
+from headsup.demo.problem import DemoError
+from headsup.demo.record import DriveRecord
+from headsup.demo.report import write_report
+from headsup.demo.server_process import ServerProcess
+from headsup.demo.simulated import SimulatedSource, calibration_of, camera_calibration
+from headsup.demo.summary import Summary, write_summary
+from simulator.camera import CameraModel
+from simulator.drive import DrivePlan, drive
+from simulator.pothole import Relief
+from simulator.scan import find_scans, load_scan
+from simulator.street import Street, fill, first_light_street, grow
+from simulator.world import World
+from vehicle_client.drive import Step, Vehicle
+from vehicle_client.link import ServerLink
+
+SPEED_MPS = 50 / 3.6
+"""The speed limit of a town."""
+
+EVERY_NTH_SWEEP = 3
+"""Of the LiDAR's 30 turns a second, 10 are processed."""
+
+APPROACH_FROM_M, LONG_APPROACH_FROM_M, END_M = 150.0, 0.0, 304.0
+"""ego2 comes from far, to be warned; the others begin 65 m before the first obstacle."""
+
+GROWTH = 1.25
+BACK_S = 6 * 3600.0
+HOUR_S = 3600.0
+"""The drives lie an hour apart in the last six hours: the server refuses observations from the future."""
+
+
+@dataclass(frozen=True, slots=True)
+class Act:
+    """One drive: which car, on which street, from where, with what in the windshield."""
+
+    car: str
+    street: Street
+    start_x_m: float
+    hour: int
+    filmed: bool = False
+
+
+def acts(street: Street) -> list[Act]:
+    """The five drives. The pothole that changes is the street's first."""
+    hole = next(o.obstacle_id for o in street.obstacles if o.kind is Kind.POTHOLE)
+    grown, filled = grow(street, hole, GROWTH), fill(street, hole)
+    return [
+        Act("ego1", street, APPROACH_FROM_M, 0),
+        Act("ego2", street, LONG_APPROACH_FROM_M, 1, filmed=True),
+        Act("ego3", grown, APPROACH_FROM_M, 2),
+        Act("ego4", filled, APPROACH_FROM_M, 3),
+        Act("ego5", filled, APPROACH_FROM_M, 4),
+    ]
+
+
+def tell(out: Path, data: Path | None, seed: int, *, with_video: bool) -> Summary:
+    """Run the demo and write its folder. Raises DemoError, ScanError or OSError with what to do."""
+    out.mkdir(parents=True, exist_ok=True)
+    scans = _scans(data) if data is not None else ()
+    street = first_light_street(seed, scans)
+    plan = acts(street)
+    reporter = Reporter([act.car for act in plan])
+    with tempfile.TemporaryDirectory(prefix="headsup-demo-") as folder:
+        with reporter, ServerProcess(Path(folder), out / "server.log") as server:
+            keys = {act.car: server.create_key(act.car) for act in plan}
+            server.start()
+            reporter.say(f"server at {server.url}")
+            album = Album(out)
+            records, worlds = [], _Worlds()
+            for number, act in enumerate(plan):
+                link = ServerLink(server.url, keys[act.car], Path(folder) / f"{act.car}.sqlite3")
+                with link:
+                    film = Film(out / "ego2.mp4") if act.filmed and with_video else None
+                    records.append(
+                        _drive(act, worlds.of(act.street), seed + number, link, server, album, film, reporter)
+                    )
+            obstacles = _fetch_obstacles(server, street, keys[plan[0].car])
+        (out / "obstacles.geojson").write_text(obstacles.model_dump_json(indent=1, exclude_none=True))
+        summary = write_summary(out / "summary.json", street, records, seed=seed, scans=data is not None)
+        film_path = out / "ego2.mp4" if with_video else None
+        write_report(out / "report.html", summary, records, obstacles, album, film_path=film_path)
+    reporter.show(summary, out)
+    return summary
+
+
+class _Worlds:
+    """The world of the latest street: acts on the same street share it."""
+
+    def __init__(self) -> None:
+        self._world: World | None = None
+
+    def of(self, street: Street) -> World:
+        if self._world is None or self._world.street is not street:
+            self._world = World(street)
+        return self._world
+
+
+def _scans(data: Path) -> Sequence[Relief]:
+    return [load_scan(path) for path in find_scans(data / "potholes")]
+
+
+def _drive(
+    act: Act,
+    world: World,
+    seed: int,
+    link: ServerLink,
+    server: ServerProcess,
+    album: Album,
+    film: Film | None,
+    reporter: Reporter,
+) -> DriveRecord:
+    camera = CameraModel(width_px=640, height_px=360) if film else None
+    started_s = math.floor(time.time() - BACK_S + act.hour * HOUR_S)
+    plan = DrivePlan(act.start_x_m, END_M, SPEED_MPS, seed, started_s, every_nth=EVERY_NTH_SWEEP, camera=camera)
+    source = SimulatedSource(drive(world, plan))
+    calibration = calibration_of(plan)
+    vehicle = Vehicle(calibration, link, pseudonym=act.car)
+    record = DriveRecord(act.car, act.street, calibration, SPEED_MPS)
+    step: Step | None = None
+    for frame in reporter.track(source, act.car):
+        server.ensure_alive()
+        step = vehicle.step(frame)
+        if source.sample is not None:
+            record.note(step, float(source.sample.street_from_vehicle[0, 3]))
+            album.consider(act.car, step, calibration, world, source.sample)
+        if film is not None and camera is not None:
+            film.add(step, calibration, camera_calibration(camera))
+    if step is not None:
+        record.note_answers(vehicle.finish(step))
+    if film is not None:
+        film.close()
+    server.ensure_alive()
+    if vehicle.waiting:
+        raise DemoError(f"the server left {vehicle.waiting} report(s) of {act.car} unanswered; its log says why")
+    return record
+
+
+def _fetch_obstacles(server: ServerProcess, street: Street, key: str) -> ObstacleCollection:
+    middle = street.position_of(street.obstacles[1].obstacle_id)
+    query = {"lat": middle.latitude_deg, "lon": middle.longitude_deg, "radius_m": 500}
+    try:
+        response = httpx.get(
+            f"{server.url}/v1/obstacles", params=query, headers={"Authorization": f"Bearer {key}"}, timeout=10
+        )
+        response.raise_for_status()
+    except httpx.HTTPError as error:
+        server.ensure_alive()
+        raise DemoError(f"the server does not list its obstacles: {error}") from error
+    return ObstacleCollection.model_validate_json(response.content)
