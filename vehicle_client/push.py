@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterator
+from contextlib import ExitStack
 from urllib.parse import urlsplit, urlunsplit
 
 from pydantic import ValidationError
@@ -33,15 +34,18 @@ class PushChannel:
         headers = {"Authorization": f"Bearer {api_key}"} if api_key else {}
         self._timeout_s = timeout_s
         self._position_seq = 0
+        self._open = ExitStack()
         try:
-            self._connection: ClientConnection = connect(
+            connection = connect(
                 _events_url(server_url),
                 subprotocols=[Subprotocol(SUBPROTOCOL)],
                 additional_headers=headers,
                 open_timeout=timeout_s,
+                close_timeout=timeout_s,
                 compression=None,
                 max_size=MAX_MESSAGE_BYTES,
             )
+            self._connection: ClientConnection = self._open.enter_context(connection)
         except (OSError, InvalidHandshake, InvalidURI) as error:
             raise PushError(f"no push channel to {server_url}: {error}") from error
 
@@ -59,7 +63,10 @@ class PushChannel:
 
     def _until_acknowledged(self, deadline_s: float) -> Iterator[ServerMessage]:
         while True:
-            frame = self._connection.recv(timeout=max(deadline_s - time.monotonic(), 0))
+            remaining_s = deadline_s - time.monotonic()
+            if remaining_s <= 0:
+                raise TimeoutError("the position was not acknowledged")
+            frame = self._connection.recv(timeout=remaining_s)
             message = server_message.validate_json(frame)
             yield message
             if isinstance(message, Snapshot | Moved) and message.position_seq >= self._position_seq:
@@ -67,7 +74,7 @@ class PushChannel:
 
     def close(self) -> None:
         """Say good-bye."""
-        self._connection.close()
+        self._open.close()
 
 
 def _events_url(server_url: str) -> str:
