@@ -96,16 +96,16 @@ def _halo_fill(width_px: float) -> Any:
 
 def _draw_card(canvas: Any, card: Card, width_px: int, text_px: float) -> None:
     title, detail = skia.Font(_typeface(), text_px), skia.Font(_typeface(), text_px * 0.86)
-    sign_px = 2.9 * text_px
+    sign_px = 2.65 * text_px
     inner = max(title.measureText(card.title), detail.measureText(card.detail))
-    plate_w, plate_h = sign_px + inner + 1.9 * text_px, sign_px + 0.9 * text_px
+    plate_w, plate_h = sign_px + inner + 1.9 * text_px, sign_px + 0.8 * text_px
     left, top = (width_px - plate_w) / 2, 0.6 * text_px
     plate = skia.Rect.MakeXYWH(left, top, plate_w, plate_h)
     canvas.drawRoundRect(plate, 0.5 * text_px, 0.5 * text_px, _paint(PLATE))
-    _draw_sign(canvas, card, left + 0.5 * text_px, top + 0.45 * text_px, sign_px)
+    _draw_sign(canvas, card, left + 0.5 * text_px, top + 0.4 * text_px, sign_px)
     text_left = left + sign_px + 1.0 * text_px
-    canvas.drawString(card.title, text_left, top + 1.62 * text_px, title, _paint(INK))
-    canvas.drawString(card.detail, text_left, top + 2.95 * text_px, detail, _paint(MUTED_INK))
+    canvas.drawString(card.title, text_left, top + 1.5 * text_px, title, _paint(INK))
+    canvas.drawString(card.detail, text_left, top + 2.75 * text_px, detail, _paint(MUTED_INK))
 
 
 def _draw_sign(canvas: Any, card: Card, left: float, top: float, size: float) -> None:
@@ -139,10 +139,10 @@ def _pictogram(card: Card) -> list[list[tuple[float, float]]]:
 
 def _draw_status(canvas: Any, status: str, height_px: int, text_px: float) -> None:
     font = skia.Font(_typeface(), text_px)
-    width = font.measureText(status) + 1.6 * text_px
-    plate = skia.Rect.MakeXYWH(0.8 * text_px, height_px - 2.6 * text_px, width, 1.8 * text_px)
+    width = font.measureText(status) + 1.2 * text_px
+    plate = skia.Rect.MakeXYWH(0.8 * text_px, height_px - 2.4 * text_px, width, 1.6 * text_px)
     canvas.drawRoundRect(plate, 0.5 * text_px, 0.5 * text_px, _paint(PLATE))
-    canvas.drawString(status, 1.6 * text_px, height_px - 1.35 * text_px, font, _paint(INK))
+    canvas.drawString(status, 1.4 * text_px, height_px - 1.25 * text_px, font, _paint(INK))
 
 
 def _text_centred(canvas: Any, text: str, u: float, v: float, font: Any, colour: int) -> None:

@@ -26,6 +26,9 @@ BEACON_BEYOND_M = 15.0
 BEACON_ARCMIN = 40.0
 """Twice the 20 arcmin that MIL-STD-411F asks for legible symbols."""
 
+RING_ARCMIN = 5.0
+"""Five times what the eye resolves; wider rings would take the overlay beyond 5 % of the picture."""
+
 TEXT_ARCMIN = 48.0
 """Text height that is read at a contrast of 1.2:1 (Wan & Tsimhoni 2021)."""
 
@@ -119,7 +122,7 @@ def _marker(hazard: Hazard, camera: CameraCalibration) -> GroundMarker | None:
     if np.isnan(pixels).any() or not is_inside(camera, pixels).any():
         return None
     opacity = 0.55 if hazard.stage is Stage.MARK else 1.0
-    return GroundMarker(pixels, arcmin_px(camera, 6.0), opacity, hazard.recognised)
+    return GroundMarker(pixels, arcmin_px(camera, RING_ARCMIN), opacity, hazard.recognised)
 
 
 def _ellipse(hazard: Hazard) -> Matrix:
