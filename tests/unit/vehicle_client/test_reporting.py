@@ -15,22 +15,16 @@ from contract.geometry import Kind, LatLon
 from contract.observation import Detection, ObservationReport
 from detector.inspection import PlaceVerdict
 from detector.types import DetectedObstacle, ObstacleKind
-from tests.unit.vehicle_client.making import NOON, ORIGIN, PATRAS, feature, map_of, planar, pose_at, seen, track_at
+from tests.unit.vehicle_client.making import NOON, ORIGIN, PATRAS, feature, planar, pose_at, seen, track_at
 from vehicle_client.alignment import Alignment
 from vehicle_client.frames import GeoOrigin, apply, rotation_about_z
-from vehicle_client.obstacle_map import ObstacleMap
 from vehicle_client.pose import Pose
 from vehicle_client.reporting import (
-    INSPECTED_M,
     PASSED_M,
-    WATCH_AHEAD_M,
-    WATCH_BESIDE_M,
     compose_report,
     detection_of,
-    due_inspections,
     due_tracks,
     known_place,
-    watch,
 )
 from vehicle_client.tracking import Tracks
 
@@ -173,36 +167,6 @@ def test_tracks_are_due_once_they_are_believed_and_passed() -> None:
     assert [t.track_id for t in due_tracks(tracks, here, at_end=False)] == [1]
     assert [t.track_id for t in due_tracks(tracks, here, at_end=True)] == [1, 2, 5]
     assert due_tracks(tracks.marked_reported([1, 2, 5]), here, at_end=True) == []
-
-
-@pytest.mark.parametrize(
-    ("east_m", "north_m", "is_watched"),
-    [
-        (WATCH_AHEAD_M - 0.1, 0, True),
-        (WATCH_AHEAD_M + 0.1, 0, False),
-        (-1, 0, False),
-        (10, WATCH_BESIDE_M - 0.1, True),
-        (10, -WATCH_BESIDE_M - 0.1, False),
-    ],
-)
-def test_what_comes_within_range_ahead_is_watched(east_m: float, north_m: float, is_watched: bool) -> None:
-    known = map_of(feature(1, east_m=east_m, north_m=north_m))
-    assert watch(frozenset(), known, pose_at()) == ({UUID(int=1)} if is_watched else set())
-
-
-def test_what_is_watched_stays_so_until_it_was_passed_and_is_then_due() -> None:
-    known = map_of(feature(1, east_m=10), feature(2, east_m=200))
-    watched = watch(frozenset(), known, pose_at())
-    for east_m, due in ((9.0, []), (10 + INSPECTED_M - 0.1, []), (10 + INSPECTED_M + 0.1, [1])):
-        here = pose_at(east_m)
-        watched = watch(watched, known, here)
-        assert watched == {UUID(int=1)}
-        assert [f.id.int for f in due_inspections(watched, known, here, at_end=False)] == due
-    assert [f.id.int for f in due_inspections(watched, known, pose_at(), at_end=True)] == [1]
-
-
-def test_what_the_server_took_back_is_not_inspected() -> None:
-    assert due_inspections(frozenset({UUID(int=1)}), ObstacleMap(), pose_at(), at_end=True) == []
 
 
 def test_far_from_where_the_drive_began_up_is_the_car_s_own() -> None:
