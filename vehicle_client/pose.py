@@ -31,6 +31,10 @@ from vehicle_client.sources.frame import GnssFix, LidarFrame
 WINDOW_FIXES = 100
 """Fixes that the average remembers: 10 s at 10 Hz, over which odometry drifts by decimetres at most."""
 
+ANCHOR_M = 1_000.0
+"""Distance after which the origin follows the car: north turns by 0.3 mrad over it at 60 degrees of latitude, which
+displaces a pose by centimetres; over 50 km it would be by 2 m."""
+
 STALE_AFTER_S = 2.0
 """Age of the last fix after which there is no pose: no report and no overlay."""
 
@@ -116,7 +120,7 @@ def _is_finite(fix: GnssFix) -> bool:
 
 
 def _with_fix(state: PoseFilter, fix: GnssFix, odom_from_vehicle: Matrix, stamp_s: float) -> PoseFilter:
-    origin = state.origin or GeoOrigin(fix.position, fix.altitude_m)
+    origin, mean_enu_m = _anchored(state, fix)
     count = min(state.fixes + 1, WINDOW_FIXES)
     turn = cmath.exp(1j * (yaw_from_heading(fix.heading_rad) - yaw_of(odom_from_vehicle)))
     enu = origin.enu(fix.position, fix.altitude_m)
@@ -124,9 +128,19 @@ def _with_fix(state: PoseFilter, fix: GnssFix, odom_from_vehicle: Matrix, stamp_
         state,
         origin=origin,
         fixes=count,
-        mean_enu_m=state.mean_enu_m + (enu - state.mean_enu_m) / count,
+        mean_enu_m=mean_enu_m + (enu - mean_enu_m) / count,
         mean_odom_m=state.mean_odom_m + (odom_from_vehicle[:3, 3] - state.mean_odom_m) / count,
         mean_turn=state.mean_turn + (turn - state.mean_turn) / count,
         last_fix=fix,
         last_fix_s=stamp_s,
     )
+
+
+def _anchored(state: PoseFilter, fix: GnssFix) -> tuple[GeoOrigin, Vector]:
+    """The origin, moved to the fix when that is far away, and the mean of the fixes (3,) about it."""
+    here = GeoOrigin(fix.position, fix.altitude_m)
+    if state.origin is None:
+        return here, state.mean_enu_m
+    if np.linalg.norm(state.origin.enu(fix.position, fix.altitude_m)) < ANCHOR_M:
+        return state.origin, state.mean_enu_m
+    return here, here.enu(*state.origin.geodetic(state.mean_enu_m))

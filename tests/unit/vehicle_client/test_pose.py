@@ -10,8 +10,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from contract.geometry import LatLon
 from tests.unit.vehicle_client.making import NOON_S, ORIGIN, planar, pose_at
-from vehicle_client.frames import Matrix, apply, inverse, yaw_from_heading
+from vehicle_client.frames import GeoOrigin, Matrix, apply, inverse, yaw_from_heading
 from vehicle_client.pose import STALE_AFTER_S, Pose, PoseFilter, update
 from vehicle_client.sources.frame import GnssFix, LidarFrame
 
@@ -132,6 +133,34 @@ def test_between_fixes_odometry_carries_the_pose() -> None:
     assert pose is not None
     assert ORIGIN.enu(pose.position, pose.altitude_m)[:2] == pytest.approx([10, 0], abs=1e-3)
     assert pose.odom_from_vehicle == pytest.approx(planar(15, 5, 0.0), abs=1e-9)
+
+
+@pytest.mark.parametrize("latitude_deg", [38.2, -60.0])
+def test_a_long_drive_costs_no_accuracy(latitude_deg: float) -> None:
+    """Tens of kilometres east along a parallel, where north is no longer that of the start."""
+    start = LatLon(latitude_deg=latitude_deg, longitude_deg=20.0)
+    level = np.eye(4)
+    state, _ = update(PoseFilter(), frame_at(NOON_S, level, GnssFix(start, 0.0, math.pi / 2, 1.0, 2.0)))
+    far = GeoOrigin(LatLon(latitude_deg=latitude_deg, longitude_deg=20.5), 0.0)
+    for number in range(900):
+        x_m = 1.5 * number - 1_350
+        position, altitude_m = far.geodetic(np.array([x_m, 0.0, 0.0]))
+        fix = GnssFix(position, altitude_m, math.pi / 2, 1.0, 2.0)
+        state, pose = update(state, frame_at(NOON_S + 1 + number / 10, planar(30_000 + x_m, 0.0, 0.0), fix))
+    assert pose is not None
+    assert far.enu(pose.position, pose.altitude_m) == pytest.approx([x_m, 0.0, 0.0], abs=0.1)
+
+
+def test_no_pose_jumps_where_the_origin_follows_the_car() -> None:
+    state, before = PoseFilter(), None
+    for number in range(800):
+        x_m = 1.5 * number
+        state, pose = update(state, frame_at(NOON_S + number / 10, planar(x_m, 0, 0.0), fix_at(x_m, 0, math.pi / 2)))
+        assert pose is not None
+        if before is not None:
+            moved_m = before.in_vehicle(pose.position, pose.altitude_m)
+            assert moved_m == pytest.approx([1.5, 0, 0], abs=0.03)
+        before = pose
 
 
 def test_a_place_ahead_lies_on_the_car_s_x_axis_and_one_to_the_left_on_y() -> None:
