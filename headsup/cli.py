@@ -8,6 +8,8 @@ from headsup.demo.command import demo
 from headsup.detect_command import detect_files
 from headsup.server_commands import db_app, keys_app, serve
 
+OUR_PACKAGES = ("contract", "detector", "vehicle_client", "server", "simulator", "headsup", "migrations")
+
 app = typer.Typer(
     help="A car that sees a pothole warns every car behind it.",
     no_args_is_help=True,
@@ -23,7 +25,12 @@ app.add_typer(db_app, name="db")
 
 def main() -> None:
     """Entry point of the `headsup` script."""
-    app()
+    try:
+        app()
+    except ModuleNotFoundError as error:
+        if error.name is None or error.name.split(".")[0] in OUR_PACKAGES:
+            raise
+        raise SystemExit(f"headsup: {error.name} is not installed; run: pip install 'headsup[all]'") from None
 
 
 if __name__ == "__main__":

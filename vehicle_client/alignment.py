@@ -10,8 +10,8 @@ import numpy as np
 from scipy.optimize import linear_sum_assignment
 
 from contract.geometry import Sign
+from contract.obstacle import ObstacleFeature
 from vehicle_client.frames import Vector, apply, inverse
-from vehicle_client.obstacle_map import ObstacleMap
 from vehicle_client.pose import Pose
 from vehicle_client.tracking import Track
 
@@ -38,10 +38,12 @@ class Alignment:
         return min(ALIGNED_SD_M, unaligned) if self.pairs else unaligned
 
 
-def align(known: ObstacleMap, tracks: Sequence[Track], pose: Pose) -> Alignment:
-    """The shift that most pairs of a believed track and a mapped obstacle of its sign agree on."""
+def align(features: Sequence[ObstacleFeature], tracks: Sequence[Track], pose: Pose) -> Alignment:
+    """The shift that most pairs of a believed track and a mapped obstacle of its sign agree on.
+
+    None, when two different shifts have as many pairs: a wrong shift is worse than an unsure place.
+    """
     seen = [t for t in tracks if t.confirmed]
-    features = [entry.feature for entry in known.obstacles.values()]
     if not seen or not features:
         return Alignment()
     odom_from_enu = inverse(pose.enu_from_odom)
@@ -54,9 +56,11 @@ def align(known: ObstacleMap, tracks: Sequence[Track], pose: Pose) -> Alignment:
     candidates = [_agreeing(offsets, possible, shift) for shift in offsets[possible]]
     if not candidates:
         return Alignment()
-    # Most pairs first; among equals the shift that asks least of the car's own position.
-    best = max(candidates, key=lambda pairs: (len(pairs), -float(np.linalg.norm(pairs.mean(axis=0)))))
-    return Alignment(best.mean(axis=0), len(best))
+    most = max(len(pairs) for pairs in candidates)
+    shifts = np.array([pairs.mean(axis=0) for pairs in candidates if len(pairs) == most])
+    if np.linalg.norm(shifts - shifts[0], axis=1).max() > CONSISTENT_M:
+        return Alignment()
+    return Alignment(shifts[0], most)
 
 
 def _agreeing(offsets: Vector, possible: Vector, shift: Vector) -> Vector:

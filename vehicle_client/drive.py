@@ -9,7 +9,6 @@ from dataclasses import dataclass
 from uuid import UUID, uuid4
 
 import numpy as np
-from numpy.typing import NDArray
 
 from contract.events import ServerMessage
 from contract.observation import ObservationReport, ReportResult
@@ -19,11 +18,10 @@ from detector.inspection import PlaceVerdict, inspect
 from detector.pipeline import detect
 from detector.shape import measure
 from detector.types import DetectedObstacle, DetectorInput, FrameDetection, PointClass
-from vehicle_client import alerts, obstacle_map, pose, reporting, tracking
+from vehicle_client import alerts, obstacle_map, pose, reporting, tracking, watching
 from vehicle_client.alerts import Alerts
 from vehicle_client.alignment import align
-from vehicle_client.ar.renderer import draw
-from vehicle_client.ar.scene import compose
+from vehicle_client.ar.scene import Scene, compose
 from vehicle_client.calibration import CameraCalibration, VehicleCalibration, curvature_of
 from vehicle_client.frames import Matrix, apply
 from vehicle_client.link import ServerLink
@@ -69,7 +67,8 @@ class Vehicle:
         self._accumulator = Accumulator()
         self._tracks = Tracks()
         self._known = ObstacleMap()
-        self._watched: frozenset[UUID] = frozenset()
+        self._watches = watching.NO_WATCHES
+        self._sighted: frozenset[UUID] = frozenset()
         self._alerts = Alerts()
         self._heard_s = -np.inf
         self._waiting: dict[UUID, ObservationReport] = {}
@@ -89,7 +88,7 @@ class Vehicle:
         self._accumulator = accumulate(self._accumulator, sweep, detection)
         self._tracks = tracking.update(self._tracks, detection.obstacles, sweep.odom_from_sensor, frame.stamp_s)
         told = self._hear(here)
-        self._watched = reporting.watch(self._watched, self._known, here)
+        self._watches = watching.watch(self._watches, self._known, here)
         answers = self._report(here, at_end=False)
         self._alerts = alerts.choose(self._alerts, self._known, self._tracks.tracks, here, here.stamp_s)
         return Step(frame, here, detection, self._tracks.tracks, self._known, self._alerts, told, answers)
@@ -110,11 +109,11 @@ class Vehicle:
 
     def _report(self, here: Pose, *, at_end: bool) -> tuple[Answer, ...]:
         passed = reporting.due_tracks(self._tracks, here, at_end=at_end)
-        inspected = reporting.due_inspections(self._watched, self._known, here, at_end=at_end)
+        inspected = watching.due(self._watches, here, at_end=at_end)
         self._tracks = self._tracks.marked_reported([t.track_id for t in passed])
-        self._watched = self._watched.difference(f.id for f in inspected)
         measured = [shape for t in passed if (shape := self._measure(t)) is not None]
         verdicts = self._inspect(inspected, here)
+        self._watches = watching.marked_inspected(self._watches, [f.id for f in inspected])
         if measured or verdicts:
             report = reporting.compose_report(
                 uuid4(), here, measured, verdicts, pseudonym=self._pseudonym, sensor=self._calibration.sensor
@@ -124,18 +123,22 @@ class Vehicle:
         if not self._waiting:
             return ()
         results = self._link.deliver()
+        self._sighted = self._sighted.union(
+            d.obstacle_id for r in results for d in r.detections if d.obstacle_id is not None
+        )
         return tuple(Answer(self._waiting.pop(r.report_id), r) for r in results if r.report_id in self._waiting)
 
     def _measure(self, track: Track) -> DetectedObstacle | None:
         return measure(hits_around(self._accumulator, track.centre_odom_m[:2]), track.is_negative)
 
     def _inspect(self, features: list[ObstacleFeature], here: Pose) -> list[tuple[UUID, PlaceVerdict]]:
-        alignment = align(self._known, self._tracks.tracks, here)
+        alignment = align([w.feature for w in self._watches.values()], self._tracks.tracks, here)
         verdicts = []
         for feature in features:
             place = reporting.known_place(feature, here, alignment)
             hits = hits_around(self._accumulator, place.centre_odom_m[:2], place.half_size_m)
-            verdicts.append((feature.id, inspect(hits, place)))
+            verdict = inspect(hits, place)
+            verdicts.append((feature.id, reporting.weighed(verdict, sighted=feature.id in self._sighted)))
         return verdicts
 
 
@@ -150,12 +153,9 @@ def detector_input(frame: LidarFrame, calibration: VehicleCalibration) -> Detect
     )
 
 
-def driver_view(
-    step: Step, calibration: VehicleCalibration, camera: CameraCalibration, image: NDArray[np.uint8], note: str = ""
-) -> NDArray[np.uint8]:
-    """What the driver sees at a step: the image (H, W, 3) uint8 BGR of `camera` with the alerts over it."""
-    scene = compose(step.alerts, camera, _recognised_points(step, calibration), status_note=note)
-    return draw(scene, image)
+def driver_scene(step: Step, calibration: VehicleCalibration, camera: CameraCalibration, note: str = "") -> Scene:
+    """What the driver is shown at a step, in the pixels of a camera; `vehicle_client.ar.renderer.draw` paints it."""
+    return compose(step.alerts, camera, _recognised_points(step, calibration), status_note=note)
 
 
 def _recognised_points(step: Step, calibration: VehicleCalibration) -> Matrix:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 from datetime import UTC, datetime
 from uuid import UUID
 
@@ -23,8 +24,7 @@ from contract.obstacle import ObstacleFeature
 from detector.inspection import KnownPlace, PlaceVerdict
 from detector.types import DetectedObstacle
 from vehicle_client.alignment import Alignment
-from vehicle_client.frames import GeoOrigin, Vector, apply, axis_yaw, inverse, yaw_of
-from vehicle_client.obstacle_map import ObstacleMap, place_in_vehicle
+from vehicle_client.frames import GeoOrigin, apply, axis_yaw, inverse, yaw_of
 from vehicle_client.pose import Pose
 from vehicle_client.tracking import Track, Tracks
 
@@ -33,37 +33,6 @@ ESTIMATOR = "ray-contour:1"
 
 PASSED_M = 12.0
 """An obstacle this far behind has been seen from both sides: hits beyond 12 m no longer sharpen its box."""
-
-INSPECTED_M = 18.0
-"""A known place is judged this far behind the car: as late as its hits are kept (30 m of memory less 12 m of range),
-since what the car meets meanwhile tells how the map lies on the road."""
-
-WATCH_AHEAD_M = 30.0
-"""A known obstacle nearer than this ahead is on the list to be inspected."""
-
-WATCH_BESIDE_M = 10.0
-"""Beyond this sideways, no sweep of the pass is dense enough for a verdict."""
-
-
-def watch(watched: frozenset[UUID], known: ObstacleMap, pose: Pose) -> frozenset[UUID]:
-    """Add every obstacle of the map that lies ahead within range; it stays until it was inspected."""
-    near = (
-        obstacle_id
-        for obstacle_id, entry in known.obstacles.items()
-        if _is_approached(place_in_vehicle(entry.feature, pose))
-    )
-    return watched.union(near)
-
-
-def _is_approached(place_vehicle_m: Vector) -> bool:
-    ahead_m, beside_m = float(place_vehicle_m[0]), float(place_vehicle_m[1])
-    return 0 < ahead_m < WATCH_AHEAD_M and abs(beside_m) < WATCH_BESIDE_M
-
-
-def due_inspections(watched: frozenset[UUID], known: ObstacleMap, pose: Pose, *, at_end: bool) -> list[ObstacleFeature]:
-    """Watched obstacles, as the server last described them, that the car has passed (at the end: all that remain)."""
-    features = [known.obstacles[i].feature for i in sorted(watched) if i in known.obstacles]
-    return [f for f in features if at_end or place_in_vehicle(f, pose)[0] < -INSPECTED_M]
 
 
 def due_tracks(tracks: Tracks, pose: Pose, *, at_end: bool) -> list[Track]:
@@ -93,6 +62,12 @@ def known_place(feature: ObstacleFeature, pose: Pose, alignment: Alignment) -> K
         is_negative=properties.sign is Sign.NEGATIVE,
         place_sd_m=alignment.place_sd_m(math.sqrt(stored_m2), pose.sd_m),
     )
+
+
+def weighed(verdict: PlaceVerdict, *, sighted: bool) -> PlaceVerdict:
+    """The verdict about a known place: what the server matched to a detection of this pass is there, wherever the map
+    puts it."""
+    return replace(verdict, outcome="present", reason="matched to a detection of this pass") if sighted else verdict
 
 
 def compose_report(

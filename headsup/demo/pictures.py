@@ -1,4 +1,4 @@
-"""The demo's pictures: stills at the moments that matter, rendered large, and the film of the second car's drive."""
+"""The demo's stills: taken at the moments that matter, rendered large."""
 
 from __future__ import annotations
 
@@ -17,16 +17,16 @@ from simulator.camera import CameraModel
 from simulator.drive import DriveSample
 from simulator.world import World
 from vehicle_client.alerts import Hazard, Stage
+from vehicle_client.ar.renderer import draw
 from vehicle_client.ar.segmentation import paint_classes, paint_saliency
 from vehicle_client.calibration import CameraCalibration, VehicleCalibration
-from vehicle_client.drive import Step, detector_input, driver_view
+from vehicle_client.drive import Step, detector_input, driver_scene
 from vehicle_client.frames import apply
 
 Image = NDArray[np.uint8]
 
 STILL = CameraModel(width_px=1280, height_px=720)
 SUPERSAMPLE = 2
-FRAMES_PER_S = 10.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -96,7 +96,7 @@ class Album:
         image = world.render(STILL, sample.street_from_vehicle, SUPERSAMPLE)
         camera = camera_calibration(STILL)
         for moment in due:
-            self._keep(moment.name, moment.caption, driver_view(step, calibration, camera, image, moment.car))
+            self._keep(moment.name, moment.caption, draw(driver_scene(step, calibration, camera, moment.car), image))
             if moment.name == "ego2-recognition":
                 self._keep_sensor_views(step, calibration, camera, image)
 
@@ -113,31 +113,3 @@ class Album:
         if not cv2.imwrite(str(path), image):
             raise DemoError(f"{path} cannot be written")
         self.stills[path.name] = caption
-
-
-class Film:
-    """The driver's view of a whole drive, VP9 in MP4, 10 frames a second."""
-
-    def __init__(self, path: Path) -> None:
-        self._path = path
-        self._writer: cv2.VideoWriter | None = None
-
-    def add(self, step: Step, calibration: VehicleCalibration, camera: CameraCalibration) -> None:
-        """Append the view of a step whose frame carries the camera's image."""
-        if step.frame.image is None:
-            return
-        if self._writer is None:
-            self._writer = self._opened(camera)
-        self._writer.write(driver_view(step, calibration, camera, step.frame.image, "ego2"))
-
-    def close(self) -> None:
-        """Finish the file."""
-        if self._writer is not None:
-            self._writer.release()
-
-    def _opened(self, camera: CameraCalibration) -> cv2.VideoWriter:
-        code = cv2.VideoWriter.fourcc(*"vp09")
-        writer = cv2.VideoWriter(str(self._path), code, FRAMES_PER_S, (camera.width_px, camera.height_px))
-        if not writer.isOpened():
-            raise DemoError(f"{self._path} cannot be written as VP9 in MP4; run with --no-video")
-        return writer

@@ -20,17 +20,16 @@ STYLES = {"created": "green", "kept": "cyan", "updated": "yellow", "removed": "m
 class Reporter:
     """Progress of the drives while inside, the tables at the end."""
 
-    def __init__(self, cars: Sequence[str]) -> None:
+    def __init__(self, tasks: Sequence[str]) -> None:
         self._console = Console()
         self._progress = Progress(
             TextColumn("{task.description:>5}"),
             BarColumn(),
             MofNCompleteColumn(),
-            TextColumn("sweeps"),
             TimeElapsedColumn(),
             console=self._console,
         )
-        self._tasks = {car: self._progress.add_task(car, total=None, start=False) for car in cars}
+        self._tasks = {name: self._progress.add_task(name, total=None, start=False) for name in tasks}
 
     def __enter__(self) -> Reporter:
         self._progress.start()
@@ -41,10 +40,6 @@ class Reporter:
     ) -> None:
         self._progress.stop()
 
-    def say(self, line: str) -> None:
-        """A line above the bars."""
-        self._progress.console.print(line, highlight=False)
-
     def track(self, source: SimulatedSource, car: str) -> Iterator[LidarFrame]:
         """The frames of a source, with the car's bar moving along."""
         task = self._tasks[car]
@@ -53,6 +48,11 @@ class Reporter:
         for frame in source:
             yield frame
             self._progress.advance(task)
+
+    def progress(self, task_name: str, done: int, total: int) -> None:
+        """Set a bar."""
+        self._progress.start_task(self._tasks[task_name])
+        self._progress.update(self._tasks[task_name], completed=done, total=total)
 
     def show(self, summary: Summary, out: Path) -> None:
         """The two tables and where the report lies."""

@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from contract.geometry import LatLon
-from contract.observation import Detection, Inspection, InspectionResult
-from contract.observation import DetectionResult as Decided
+from contract.observation import Detection, DetectionResult, Inspection, InspectionResult
+from contract.obstacle import ObstacleFeature
 from simulator.street import Street
 from vehicle_client.alerts import Stage
 from vehicle_client.alignment import Alignment, align
@@ -72,6 +72,7 @@ class DriveRecord:
     knowledge: dict[str, Knowledge] = field(default_factory=dict)
     clouds: list[NDArray[np.float32]] = field(default_factory=list)
     travelled_x_m: list[float] = field(default_factory=list)
+    first_told: dict[UUID, ObstacleFeature] = field(default_factory=dict)
     alignment: Alignment = field(default_factory=Alignment)
     started_s: float | None = None
 
@@ -122,7 +123,7 @@ class DriveRecord:
         for inspection, counted in zip(report.inspections, result.inspections, strict=True):
             yield self._inspection_row(inspection, counted)
 
-    def _detection_row(self, detection: Detection, decided: Decided, answer: Answer) -> DecisionRow:
+    def _detection_row(self, detection: Detection, decided: DetectionResult, answer: Answer) -> DecisionRow:
         georeference, origin = self.street.georeference, answer.report.origin
         enu = georeference.enu_from_geodetic(origin.position, origin.altitude_m)
         place = apply(inverse(self.street.enu_from_street), enu + np.array([detection.east_m, detection.north_m, 0.0]))
@@ -177,8 +178,10 @@ class DriveRecord:
             self._of(name).seen = Moment(now.street_x_m - ago_s * self.speed_mps, now.time_s - ago_s)
 
     def _note_alignment(self, step: Step, pose: Pose) -> None:
-        latest = align(step.known, step.tracks, pose)
-        if latest.pairs >= self.alignment.pairs:
+        for obstacle_id, entry in step.known.obstacles.items():
+            self.first_told.setdefault(obstacle_id, entry.feature)
+        latest = align(list(self.first_told.values()), step.tracks, pose)
+        if latest.pairs > self.alignment.pairs:
             shift = pose.enu_from_odom[:2, :2] @ latest.shift_m
             street_shift = self.street.enu_from_street[:2, :2].T @ shift
             self.alignment = Alignment(street_shift, latest.pairs)

@@ -12,6 +12,7 @@ import math
 import tempfile
 import time
 from collections.abc import Sequence
+from contextlib import nullcontext
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -19,7 +20,8 @@ import httpx
 
 from contract.geometry import Kind
 from contract.obstacle import ObstacleCollection
-from headsup.demo.pictures import Album, Film
+from headsup.demo.film import CAMERA, Film
+from headsup.demo.pictures import Album
 from headsup.demo.printing import Reporter
 from headsup.demo.problem import DemoError
 from headsup.demo.record import DriveRecord
@@ -27,13 +29,12 @@ from headsup.demo.report import write_report
 from headsup.demo.server_process import ServerProcess
 from headsup.demo.simulated import SimulatedSource, calibration_of, camera_calibration
 from headsup.demo.summary import Summary, write_summary
-from simulator.camera import CameraModel
-from simulator.drive import DrivePlan, drive
+from simulator.drive import DrivePlan, DriveSample, drive
 from simulator.pothole import Relief
 from simulator.scan import find_scans, load_scan
 from simulator.street import Street, fill, first_light_street, grow
 from simulator.world import World
-from vehicle_client.drive import Step, Vehicle
+from vehicle_client.drive import Step, Vehicle, driver_scene
 from vehicle_client.link import ServerLink
 
 SPEED_MPS = 50 / 3.6
@@ -75,86 +76,92 @@ def acts(street: Street) -> list[Act]:
     ]
 
 
-def tell(out: Path, data: Path | None, seed: int, *, with_video: bool) -> Summary:
-    """Run the demo and write its folder. Raises DemoError, ScanError or OSError with what to do."""
-    out.mkdir(parents=True, exist_ok=True)
-    scans = _scans(data) if data is not None else ()
-    street = first_light_street(seed, scans)
-    plan = acts(street)
-    reporter = Reporter([act.car for act in plan])
-    with tempfile.TemporaryDirectory(prefix="headsup-demo-") as folder:
-        with reporter, ServerProcess(Path(folder), out / "server.log") as server:
-            keys = {act.car: server.create_key(act.car) for act in plan}
-            server.start()
-            reporter.say(f"server at {server.url}")
-            album = Album(out)
-            records, worlds = [], _Worlds()
-            for number, act in enumerate(plan):
-                link = ServerLink(server.url, keys[act.car], Path(folder) / f"{act.car}.sqlite3")
-                with link:
-                    film = Film(out / "ego2.mp4") if act.filmed and with_video else None
-                    records.append(
-                        _drive(act, worlds.of(act.street), seed + number, link, server, album, film, reporter)
-                    )
-            obstacles = _fetch_obstacles(server, street, keys[plan[0].car])
-        (out / "obstacles.geojson").write_text(obstacles.model_dump_json(indent=1, exclude_none=True))
-        summary = write_summary(out / "summary.json", street, records, seed=seed, scans=data is not None)
-        film_path = out / "ego2.mp4" if with_video else None
-        write_report(out / "report.html", summary, records, obstacles, album, film_path=film_path)
-    reporter.show(summary, out)
-    return summary
-
-
-class _Worlds:
+class Worlds:
     """The world of the latest street: acts on the same street share it."""
 
     def __init__(self) -> None:
         self._world: World | None = None
 
     def of(self, street: Street) -> World:
+        """The world of a street."""
         if self._world is None or self._world.street is not street:
             self._world = World(street)
         return self._world
+
+
+@dataclass(frozen=True, slots=True)
+class Stage:
+    """What every drive uses."""
+
+    server: ServerProcess
+    worlds: Worlds
+    album: Album
+    film: Film | None
+    reporter: Reporter
+    folder: Path
+
+
+def tell(out: Path, data: Path | None, seed: int, *, with_video: bool) -> Summary:
+    """Run the demo and write its folder. Raises DemoError, ScanError or OSError with what to do."""
+    scans = _scans(data) if data is not None else ()
+    out.mkdir(parents=True, exist_ok=True)
+    street = first_light_street(seed, scans)
+    plan = acts(street)
+    film_path = out / "ego2.mp4" if with_video else None
+    reporter, album = Reporter([*(act.car for act in plan), *(["film"] if with_video else [])]), Album(out)
+    with (
+        tempfile.TemporaryDirectory(prefix="headsup-demo-") as folder,
+        reporter,
+        ServerProcess(Path(folder), out / "server.log") as server,
+        Film(film_path, street) if film_path is not None else nullcontext() as film,
+    ):
+        keys = {act.car: server.create_key(act.car) for act in plan}
+        server.start()
+        stage = Stage(server, Worlds(), album, film, reporter, Path(folder))
+        records = [_drive(act, stage, keys[act.car], seed + number) for number, act in enumerate(plan)]
+        obstacles = _fetch_obstacles(server, street, keys[plan[0].car])
+        if film is not None:
+            film.finish(reporter)
+    (out / "obstacles.geojson").write_text(obstacles.model_dump_json(indent=1, exclude_none=True))
+    summary = write_summary(out / "summary.json", street, records, seed=seed, scans=data is not None)
+    write_report(out / "report.html", summary, records, obstacles, album, film_path=film_path)
+    reporter.show(summary, out)
+    return summary
 
 
 def _scans(data: Path) -> Sequence[Relief]:
     return [load_scan(path) for path in find_scans(data / "potholes")]
 
 
-def _drive(
-    act: Act,
-    world: World,
-    seed: int,
-    link: ServerLink,
-    server: ServerProcess,
-    album: Album,
-    film: Film | None,
-    reporter: Reporter,
-) -> DriveRecord:
-    camera = CameraModel(width_px=640, height_px=360) if film else None
+def _drive(act: Act, stage: Stage, key: str, seed: int) -> DriveRecord:
     started_s = math.floor(time.time() - BACK_S + act.hour * HOUR_S)
-    plan = DrivePlan(act.start_x_m, END_M, SPEED_MPS, seed, started_s, every_nth=EVERY_NTH_SWEEP, camera=camera)
+    plan = DrivePlan(act.start_x_m, END_M, SPEED_MPS, seed, started_s, every_nth=EVERY_NTH_SWEEP)
+    world = stage.worlds.of(act.street)
     source = SimulatedSource(drive(world, plan))
-    calibration = calibration_of(plan)
-    vehicle = Vehicle(calibration, link, pseudonym=act.car)
-    record = DriveRecord(act.car, act.street, calibration, SPEED_MPS)
-    step: Step | None = None
-    for frame in reporter.track(source, act.car):
-        server.ensure_alive()
-        step = vehicle.step(frame)
-        if source.sample is not None:
-            record.note(step, float(source.sample.street_from_vehicle[0, 3]))
-            album.consider(act.car, step, calibration, world, source.sample)
-        if film is not None and camera is not None:
-            film.add(step, calibration, camera_calibration(camera))
-    if step is not None:
-        record.note_answers(vehicle.finish(step))
-    if film is not None:
-        film.close()
-    server.ensure_alive()
+    record = DriveRecord(act.car, act.street, calibration_of(plan), SPEED_MPS)
+    with ServerLink(stage.server.url, key, stage.folder / f"{act.car}.sqlite3") as link:
+        vehicle = Vehicle(record.calibration, link, pseudonym=act.car)
+        step: Step | None = None
+        for frame in stage.reporter.track(source, act.car):
+            stage.server.ensure_alive()
+            step = vehicle.step(frame)
+            _keep(act, stage, record, step, source.sample, world)
+        if step is not None:
+            record.note_answers(vehicle.finish(step))
+    stage.server.ensure_alive()
     if vehicle.waiting:
         raise DemoError(f"the server left {vehicle.waiting} report(s) of {act.car} unanswered; its log says why")
     return record
+
+
+def _keep(act: Act, stage: Stage, record: DriveRecord, step: Step, sample: DriveSample | None, world: World) -> None:
+    if sample is None:
+        return
+    record.note(step, float(sample.street_from_vehicle[0, 3]))
+    stage.album.consider(act.car, step, record.calibration, world, sample)
+    if act.filmed and stage.film is not None:
+        camera = camera_calibration(CAMERA)
+        stage.film.add(sample.street_from_vehicle, driver_scene(step, record.calibration, camera, act.car))
 
 
 def _fetch_obstacles(server: ServerProcess, street: Street, key: str) -> ObstacleCollection:
