@@ -117,3 +117,7 @@ def test_what_has_expired_is_dropped() -> None:
 def test_an_obstacle_lies_where_the_car_will_meet_it() -> None:
     place = place_in_vehicle(feature(1, east_m=150.0, north_m=2.0), pose_at(100.0, 0.0))
     assert place == pytest.approx(np.array([50.0, 2.0, 0.0]), abs=0.01)
+
+
+def test_a_removal_undoes_also_its_own_revision() -> None:
+    assert revisions(after(appeared(1, 3), removed(1, 3), appeared(1, 3))) == {}

@@ -141,3 +141,8 @@ def test_a_detection_joins_within_the_gate_only(apart_m: float) -> None:
     tracks = update(Tracks(), [seen(10, 0)], np.eye(4), 0.0)
     after = update(tracks, [seen(10 + apart_m, 0)], np.eye(4), 0.1)
     assert len(after.tracks) == (1 if (10 + apart_m) - 10 < GATE_M else 2)
+
+
+def test_a_second_hole_two_metres_on_is_its_own_also_when_it_is_seen_later() -> None:
+    tracks = update(Tracks(), [seen(10, 0)], np.eye(4), 0.0)
+    assert len(update(tracks, [seen(12, 0)], np.eye(4), 0.1).tracks) == 2
