@@ -11,7 +11,7 @@ from uuid import UUID, uuid4
 import numpy as np
 
 from contract.events import ServerMessage
-from contract.observation import ObservationReport, ReportResult
+from contract.observation import MAX_DETECTIONS, MAX_INSPECTIONS, ObservationReport, ReportResult
 from contract.obstacle import ObstacleFeature
 from detector.accumulator import Accumulator, accumulate, hits_around
 from detector.inspection import PlaceVerdict, inspect
@@ -31,7 +31,8 @@ from vehicle_client.sources.frame import LidarFrame
 from vehicle_client.tracking import Track, Tracks
 
 HEAR_EVERY_S = 1.0
-"""How often the car says where it is: at 130 km/h the area moves by 36 m of its 500 m meanwhile."""
+"""How often the car says where it is, and sends again what was not answered: at 130 km/h the area moves by 36 m of its
+500 m meanwhile, and a server that hangs costs one time-out a second of drive, not one a frame."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,32 +88,46 @@ class Vehicle:
             return Step(frame, None, detection, (), self._known, Alerts(fresh=False), (), ())
         self._accumulator = accumulate(self._accumulator, sweep, detection)
         self._tracks = tracking.update(self._tracks, detection.obstacles, sweep.odom_from_sensor, frame.stamp_s)
-        told = self._hear(here)
+        told, answered = self._exchange(here)
         self._watches = watching.watch(self._watches, self._known, here)
-        answers = self._report(here, at_end=False)
+        answers = answered + self._report(here, at_end=False)
         self._alerts = alerts.choose(self._alerts, self._known, self._tracks.tracks, here, here.stamp_s)
         return Step(frame, here, detection, self._tracks.tracks, self._known, self._alerts, told, answers)
 
     def finish(self, last: Step) -> tuple[Answer, ...]:
         """End the drive: report what was not yet passed by far enough, and hear the answers."""
-        return self._report(last.pose, at_end=True) if last.pose is not None else ()
+        if last.pose is None:
+            return ()
+        answers: tuple[Answer, ...] = ()
+        while any(self._due(last.pose, at_end=True)):
+            answers += self._report(last.pose, at_end=True)
+        return answers + self._deliver()
+
+    def _exchange(self, here: Pose) -> tuple[tuple[ServerMessage, ...], tuple[Answer, ...]]:
+        """Hear the server and send it what waits, also from an earlier drive, once in a while."""
+        if here.stamp_s - self._heard_s < HEAR_EVERY_S:
+            return (), ()
+        self._heard_s = here.stamp_s
+        return self._hear(here), self._deliver()
 
     def _hear(self, here: Pose) -> tuple[ServerMessage, ...]:
-        if here.stamp_s - self._heard_s < HEAR_EVERY_S:
-            return ()
-        self._heard_s = here.stamp_s
         told = tuple(self._link.hear(here.position))
         for message in told:
             self._known = obstacle_map.apply(self._known, message, here.stamp_s)
         self._known = obstacle_map.drop_expired(self._known, here.stamp_s)
         return told
 
-    def _report(self, here: Pose, *, at_end: bool) -> tuple[Answer, ...]:
+    def _due(self, here: Pose, *, at_end: bool) -> tuple[list[Track], list[ObstacleFeature]]:
+        """What is to be reported now, at most one report full; the rest waits for the next frame."""
         passed = reporting.due_tracks(self._tracks, here, at_end=at_end)
         inspected = watching.due(self._watches, here, at_end=at_end)
-        self._tracks = self._tracks.marked_reported([t.track_id for t in passed])
+        return passed[:MAX_DETECTIONS], inspected[:MAX_INSPECTIONS]
+
+    def _report(self, here: Pose, *, at_end: bool) -> tuple[Answer, ...]:
+        passed, inspected = self._due(here, at_end=at_end)
         measured = [shape for t in passed if (shape := self._measure(t)) is not None]
         verdicts = self._inspect(inspected, here)
+        self._tracks = self._tracks.marked_reported([t.track_id for t in passed])
         self._watches = watching.marked_inspected(self._watches, [f.id for f in inspected])
         if measured or verdicts:
             report = reporting.compose_report(
@@ -120,8 +135,9 @@ class Vehicle:
             )
             self._waiting[report.report_id] = report
             self._link.put(report)
-        if not self._waiting:
-            return ()
+        return self._deliver() if measured or verdicts else ()
+
+    def _deliver(self) -> tuple[Answer, ...]:
         results = self._link.deliver()
         self._sighted = self._sighted.union(
             d.obstacle_id for r in results for d in r.detections if d.obstacle_id is not None

@@ -35,10 +35,11 @@ def demo(
     from headsup.demo.problem import DemoError
     from headsup.demo.story import tell
     from simulator.scan import ScanError
+    from vehicle_client.outbox import OutboxError
 
     try:
         tell(out, data, seed, with_video=video)
-    except (DemoError, ScanError, OSError) as error:
+    except (DemoError, OutboxError, ScanError, OSError) as error:
         typer.echo(f"headsup demo: {error}", err=True)
         raise typer.Exit(1) from None
     except KeyboardInterrupt:

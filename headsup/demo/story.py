@@ -43,7 +43,7 @@ SPEED_MPS = 50 / 3.6
 EVERY_NTH_SWEEP = 3
 """Of the LiDAR's 30 turns a second, 10 are processed."""
 
-APPROACH_FROM_M, LONG_APPROACH_FROM_M, END_M = 150.0, 0.0, 304.0
+APPROACH_FROM_M, LONG_APPROACH_FROM_M, END_M = 150.0, 40.0, 304.0
 """ego2 comes from far, to be warned; the others begin 65 m before the first obstacle."""
 
 GROWTH = 1.25

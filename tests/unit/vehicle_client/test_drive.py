@@ -1,0 +1,106 @@
+"""The drive: what a frame brings when the server, the pose or the road are not as one would wish."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from contract.events import Appeared, ServerMessage
+from contract.observation import ObservationReport, ReportResult
+from tests.unit.vehicle_client.making import PATRAS, feature, planar
+from vehicle_client.calibration import VehicleCalibration
+from vehicle_client.drive import Step, Vehicle
+from vehicle_client.frames import rigid
+from vehicle_client.link import ServerLink
+from vehicle_client.sources.frame import GnssFix, LidarFrame
+
+CALIBRATION = VehicleCalibration(rigid(np.eye(3), np.array([0.0, 0.0, 2.4])), sensor="test")
+
+
+class HeldLink:
+    """Stands where `ServerLink` does: says what it is given, keeps what is put, answers nothing."""
+
+    def __init__(self, *told: ServerMessage) -> None:
+        self.told = list(told)
+        self.heard_at: list[object] = []
+        self.deliveries = 0
+        self.reports: list[ObservationReport] = []
+
+    def hear(self, position: object) -> list[ServerMessage]:
+        self.heard_at.append(position)
+        said, self.told = self.told, []
+        return said
+
+    def put(self, report: ObservationReport) -> None:
+        self.reports.append(report)
+
+    def deliver(self) -> list[ReportResult]:
+        self.deliveries += 1
+        return []
+
+
+def flat_road(spacing_m: float = 0.15) -> np.ndarray:
+    x, y = np.meshgrid(np.arange(-15, 25, spacing_m), np.arange(-6, 6, spacing_m))
+    random = np.random.default_rng(1)
+    return np.column_stack([x.ravel(), y.ravel(), random.normal(-2.4, 0.005, x.size)]).astype(np.float32)
+
+
+def frame_at(x_m: float, stamp_s: float) -> LidarFrame:
+    fix = GnssFix(PATRAS, 60.0, heading_rad=np.pi / 2, sd_m=1.0, altitude_sd_m=1.5)
+    return LidarFrame(stamp_s, flat_road(), odom_from_vehicle=planar(x_m, 0.0, 0.0), gnss=fix, speed_mps=10.0)
+
+
+def driven(vehicle: Vehicle, frames: int = 25) -> Step:
+    step = None
+    for number in range(frames):
+        step = vehicle.step(frame_at(number * 1.0, number / 10))
+    assert step is not None
+    return step
+
+
+@pytest.mark.parametrize("lost", [{"gnss": None}, {"odom_from_vehicle": None}])
+def test_without_a_pose_obstacles_are_detected_but_nothing_is_said_or_shown(lost: dict[str, None]) -> None:
+    link = HeldLink()
+    step = Vehicle(CALIBRATION, link, pseudonym="car").step(replace(frame_at(0.0, 0.0), **lost))
+    assert step.pose is None
+    assert len(step.detection.labels) == len(flat_road())
+    assert step.alerts.hazards == ()
+    assert not step.alerts.fresh
+    assert link.heard_at == []
+    assert link.reports == []
+
+
+def test_a_sound_road_brings_no_report() -> None:
+    link = HeldLink()
+    vehicle = Vehicle(CALIBRATION, link, pseudonym="car")
+    assert vehicle.finish(driven(vehicle)) == ()
+    assert link.reports == []
+
+
+def test_the_server_is_asked_once_a_second_and_not_once_a_frame() -> None:
+    link = HeldLink()
+    driven(Vehicle(CALIBRATION, link, pseudonym="car"), frames=25)
+    assert len(link.heard_at) == 3
+    assert link.deliveries == 3
+
+
+def test_a_known_obstacle_that_is_passed_is_inspected_once_also_when_nothing_was_detected() -> None:
+    known = feature(east_m=20.0)
+    link = HeldLink(Appeared(position_seq=1, obstacle=known))
+    vehicle = Vehicle(CALIBRATION, link, pseudonym="car")
+    vehicle.finish(driven(vehicle, frames=45))
+    inspections = [i for report in link.reports for i in report.inspections]
+    assert [i.obstacle_id for i in inspections] == [known.id]
+    assert all(report.detections == () for report in link.reports)
+    assert vehicle.waiting == 1
+
+
+def test_without_a_server_the_drive_goes_on_and_the_link_says_nothing(tmp_path: Path) -> None:
+    with ServerLink("http://127.0.0.1:9", None, tmp_path / "outbox.sqlite3") as link:
+        step = driven(Vehicle(CALIBRATION, link, pseudonym="car"), frames=3)
+        assert not link.connected
+    assert step.pose is not None
+    assert not step.alerts.fresh
