@@ -10,8 +10,11 @@ from types import MappingProxyType
 from typing import NamedTuple
 from uuid import UUID
 
+import numpy as np
+
 from contract.geometry import Kind
 from contract.obstacle import ObstacleFeature
+from vehicle_client.alignment import UNALIGNED, Alignment
 from vehicle_client.frames import Vector, apply, inverse
 from vehicle_client.obstacle_map import ObstacleMap, place_in_vehicle
 from vehicle_client.pose import Pose
@@ -113,17 +116,25 @@ class Alerts:
     stages: Mapping[str, Stage] = field(default_factory=lambda: MappingProxyType({}))
 
 
-def choose(previous: Alerts, known: ObstacleMap, tracks: Sequence[Track], pose: Pose, now_s: float) -> Alerts:
+def choose(
+    previous: Alerts,
+    known: ObstacleMap,
+    tracks: Sequence[Track],
+    pose: Pose,
+    now_s: float,
+    alignment: Alignment = UNALIGNED,
+) -> Alerts:
     """Hazards ahead in the order of distance, each with its stage; one chime for each obstacle on entering WARN.
 
-    What was passed or is gone is forgotten, so that a second approach warns again.
+    The map is laid on what the car sees by `alignment`. What was passed or is gone is forgotten, so that a second
+    approach warns again.
     """
     if pose.speed_mps < STANDSTILL_MPS:
         return Alerts(fresh=known.is_fresh(now_s), stages=previous.stages)
     stages: dict[str, Stage] = {}
     hazards: list[Hazard] = []
     chime = False
-    for hazard in _not_passed(known, tracks, pose):
+    for hazard in _not_passed(known, tracks, pose, alignment):
         before = max((previous.stages[k] for k in hazard.keys if k in previous.stages), default=None)
         on_way = abs(hazard.centre_vehicle_m[1]) < CORRIDOR_M
         now = stage_at(hazard.distance_m, pose.speed_mps) if on_way else None
@@ -150,10 +161,11 @@ def stage_at(distance_m: float, speed_mps: float) -> Stage | None:
     return reached
 
 
-def _not_passed(known: ObstacleMap, tracks: Sequence[Track], pose: Pose) -> list[Hazard]:
+def _not_passed(known: ObstacleMap, tracks: Sequence[Track], pose: Pose, alignment: Alignment) -> list[Hazard]:
     vehicle_from_odom = inverse(pose.odom_from_vehicle)
     own = {t.track_id: (t, apply(vehicle_from_odom, t.centre_odom_m)) for t in tracks if t.confirmed}
-    told = {i: (entry.feature, place_in_vehicle(entry.feature, pose)) for i, entry in known.obstacles.items()}
+    shift = vehicle_from_odom[:3, :3] @ np.array([*alignment.shift_m, 0.0])
+    told = {i: (entry.feature, place_in_vehicle(entry.feature, pose) + shift) for i, entry in known.obstacles.items()}
     pairs = _one_to_one(told, own)
     hazards = []
     for obstacle_id, (feature, place) in told.items():

@@ -38,6 +38,10 @@ class Alignment:
         return min(ALIGNED_SD_M, unaligned) if self.pairs else unaligned
 
 
+UNALIGNED = Alignment()
+"""Nothing seen yet that the map could be laid on."""
+
+
 def align(features: Sequence[ObstacleFeature], tracks: Sequence[Track], pose: Pose) -> Alignment:
     """The shift that most pairs of a believed track and a mapped obstacle of its sign agree on.
 
@@ -45,7 +49,7 @@ def align(features: Sequence[ObstacleFeature], tracks: Sequence[Track], pose: Po
     """
     seen = [t for t in tracks if t.confirmed]
     if not seen or not features:
-        return Alignment()
+        return UNALIGNED
     odom_from_enu = inverse(pose.enu_from_odom)
     places = np.array(
         [apply(odom_from_enu, pose.origin.enu(f.position, f.properties.altitude_m))[:2] for f in features]
@@ -55,11 +59,11 @@ def align(features: Sequence[ObstacleFeature], tracks: Sequence[Track], pose: Po
     possible = same_sign & (np.linalg.norm(offsets, axis=2) < GATE_M)
     candidates = [_agreeing(offsets, possible, shift) for shift in offsets[possible]]
     if not candidates:
-        return Alignment()
+        return UNALIGNED
     most = max(len(pairs) for pairs in candidates)
     shifts = np.array([pairs.mean(axis=0) for pairs in candidates if len(pairs) == most])
     if np.linalg.norm(shifts - shifts[0], axis=1).max() > CONSISTENT_M:
-        return Alignment()
+        return UNALIGNED
     return Alignment(shifts[0], most)
 
 

@@ -20,7 +20,7 @@ from detector.shape import measure
 from detector.types import DetectedObstacle, DetectorInput, FrameDetection, PointClass
 from vehicle_client import alerts, obstacle_map, pose, reporting, tracking, watching
 from vehicle_client.alerts import Alerts
-from vehicle_client.alignment import align
+from vehicle_client.alignment import Alignment, align
 from vehicle_client.ar.scene import Scene, compose
 from vehicle_client.calibration import CameraCalibration, VehicleCalibration, curvature_of
 from vehicle_client.frames import Matrix, apply
@@ -91,7 +91,9 @@ class Vehicle:
         told, answered = self._exchange(here)
         self._watches = watching.watch(self._watches, self._known, here)
         answers = answered + self._report(here, at_end=False)
-        self._alerts = alerts.choose(self._alerts, self._known, self._tracks.tracks, here, here.stamp_s)
+        self._alerts = alerts.choose(
+            self._alerts, self._known, self._tracks.tracks, here, here.stamp_s, self._alignment(here)
+        )
         return Step(frame, here, detection, self._tracks.tracks, self._known, self._alerts, told, answers)
 
     def finish(self, last: Step) -> tuple[Answer, ...]:
@@ -144,11 +146,14 @@ class Vehicle:
         )
         return tuple(Answer(self._waiting.pop(r.report_id), r) for r in results if r.report_id in self._waiting)
 
+    def _alignment(self, here: Pose) -> Alignment:
+        return align([w.feature for w in self._watches.values()], self._tracks.tracks, here)
+
     def _measure(self, track: Track) -> DetectedObstacle | None:
         return measure(hits_around(self._accumulator, track.centre_odom_m[:2]), track.is_negative)
 
     def _inspect(self, features: list[ObstacleFeature], here: Pose) -> list[tuple[UUID, PlaceVerdict]]:
-        alignment = align([w.feature for w in self._watches.values()], self._tracks.tracks, here)
+        alignment = self._alignment(here)
         verdicts = []
         for feature in features:
             place = reporting.known_place(feature, here, alignment)

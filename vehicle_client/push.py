@@ -56,7 +56,9 @@ class PushChannel:
         try:
             self._connection.send(message.model_dump_json())
             return list(self._until_acknowledged(time.monotonic() + self._timeout_s))
-        except (ConnectionClosed, OSError, TimeoutError) as error:
+        except TimeoutError as error:
+            raise PushError(f"the position was not acknowledged within {self._timeout_s} s") from error
+        except (ConnectionClosed, OSError) as error:
             raise PushError(f"the push channel broke: {error}") from error
         except ValidationError as error:
             raise PushError("the server sent a message that is not of this contract") from error
@@ -65,7 +67,7 @@ class PushChannel:
         while True:
             remaining_s = deadline_s - time.monotonic()
             if remaining_s <= 0:
-                raise TimeoutError("the position was not acknowledged")
+                raise TimeoutError
             frame = self._connection.recv(timeout=remaining_s)
             message = server_message.validate_json(frame)
             yield message
