@@ -41,6 +41,8 @@ BORDER_REACH_PER_M2 = 0.008
 AZIMUTH_MARGIN_RAD = 0.01
 # A stripe along one ring, far longer than the gaps to the rings beside it are wide, is that ring's calibration.
 MAX_STRIPE_RATIO = 3.0
+# A hump may be as wide as a 3.5 m lane; the shortest made are 0.4 m long.
+MAX_HUMP_RATIO = 9.0
 # This many hits within this width sample it densely enough to say that it is a stone's gap and no pothole.
 DENSE_HITS = 3
 MIN_HOLE_WIDTH_M = 0.12
@@ -48,6 +50,10 @@ MIN_HOLE_WIDTH_M = 0.12
 MIN_INNER_SHARE = 0.5
 # A ray reaches a hole's floor only past its near rim; what the depth's noise and the rim's shape may hide of that.
 RIM_SLACK_M = 0.25
+# A hole is closed: its own rings show the road on both sides within this reach, where no shadow hides it.
+SIDE_REACH_M = 1.0
+# Roads fall 2 to 2.5 % to their sides: so much a ring's range changes over that reach, and a little more.
+CROSS_FALL = 0.03
 # Beyond this range a few hits decide: no hole is told from a wave of the road, and only what stands high from a hump.
 MAX_HOLE_RANGE_M = 25.0
 MIN_FAR_HEIGHT_M = 0.15
@@ -82,6 +88,11 @@ class Deviations:
     def azimuth_rad(self) -> FloatArray:
         """Direction (N,) of each point about the sensor, along the road's curve."""
         return np.arctan2(self.across_m, self.along_m)
+
+    @property
+    def level_range_m(self) -> FloatArray:
+        """Range (N,) at which each point's ray crosses the road's level: one value a ring, in a hole or beside it."""
+        return self.range_m * self.sensor_height_m / np.maximum(self.sensor_height_m - self.residual_m, MIN_HEIGHT_M)
 
     @property
     def below(self) -> np.ndarray:
@@ -144,14 +155,22 @@ def _verify(
 ) -> Cluster | None:
     residual = deviations.residual_m[indices]
     noise = deviations.noise_m[indices]
-    evidence = float(np.sum(np.square(np.minimum(np.abs(residual) / noise, MAX_POINT_SD))))
+    evidence = _evidence(residual, noise)
     if evidence < MIN_EVIDENCE or flagged_share < MIN_FLAGGED_SHARE:
         return None
     if _is_scenery(deviations.along_m[indices], deviations.across_m[indices], residual, is_negative, corridor):
         return None
-    if is_negative and not _has_road_around(deviations, indices):
+    offset = _azimuth_about(deviations, indices)
+    if is_negative and not _has_road_around(deviations, indices, offset):
+        return None
+    is_low = residual.max() < HUMP_HEIGHT_M
+    if is_low and (_is_stripe(deviations, indices, offset) or not _stands_out(deviations, indices, offset)):
         return None
     return Cluster(indices, is_negative, evidence)
+
+
+def _evidence(residual_m: FloatArray, noise_m: FloatArray) -> float:
+    return float(np.sum(np.square(np.minimum(np.abs(residual_m) / noise_m, MAX_POINT_SD))))
 
 
 def _is_scenery(
@@ -177,31 +196,83 @@ def _is_scenery(
     return bool(at_edge or height > MAX_HEIGHT_M or max(extent_along, extent_across) > MAX_EXTENT_M)
 
 
-def _has_road_around(deviations: Deviations, indices: IntArray) -> bool:
-    """Whether the rays show the road before and behind a hole, with room for its depth, and more than one ring's fault.
+def _has_road_around(deviations: Deviations, indices: IntArray, offset_rad: FloatArray) -> bool:
+    """Whether the rays show the road before and behind a hole, with room for its depth.
 
     A ray that ends at depth d crossed the road's level d / tan(its angle) before; no road can be hit between.
     """
     range_m = deviations.range_m[indices]
     nearest, farthest = float(range_m.min()), float(range_m.max())
-    azimuth = deviations.azimuth_rad
-    offset = np.remainder(azimuth - azimuth[indices[0]] + np.pi, 2.0 * np.pi) - np.pi
-    width = float(np.ptp(offset[indices])) * nearest
+    beside, width = _sector(deviations, indices, offset_rad)
     if farthest > MAX_HOLE_RANGE_M or (width < MIN_HOLE_WIDTH_M and indices.size >= DENSE_HITS):
         return False
-    low, high = offset[indices].min() - AZIMUTH_MARGIN_RAD, offset[indices].max() + AZIMUTH_MARGIN_RAD
-    beside = (offset >= low) & (offset <= high)
     inner = beside & (deviations.range_m >= nearest) & (deviations.range_m <= farthest)
     if indices.size < MIN_INNER_SHARE * inner.sum():
         return False
-    road = deviations.range_m[beside & ~deviations.below & ~deviations.above]
-    before, behind = road[road < nearest], road[road > farthest]
-    if before.size == 0 or behind.size == 0:
-        return False
-    gap_before, gap_behind = nearest - float(before.max()), float(behind.min()) - farthest
-    if width > MAX_STRIPE_RATIO * (farthest - nearest + gap_before + gap_behind):
-        return False
+    before, behind = _road_borders(deviations, beside, nearest, farthest)
     depth = np.maximum(-deviations.residual_m[indices] - FLAG_SD * deviations.noise_m[indices], 0.0)
     entry = float(np.median(range_m - depth * range_m / deviations.sensor_height_m))
     reach = BORDER_REACH_M + BORDER_REACH_PER_M2 * farthest**2
-    return max(gap_before, gap_behind) < reach and entry > float(before.max()) - RIM_SLACK_M
+    return max(nearest - before, behind - farthest) < reach and entry > before - RIM_SLACK_M
+
+
+def _is_stripe(deviations: Deviations, indices: IntArray, offset_rad: FloatArray) -> bool:
+    """Whether a cluster lies along one ring, with the road on both sides too near for anything of that length."""
+    range_m = deviations.range_m[indices]
+    beside, width = _sector(deviations, indices, offset_rad)
+    before, behind = _road_borders(deviations, beside, float(range_m.min()), float(range_m.max()))
+    is_negative = bool(deviations.residual_m[indices[0]] < 0.0)
+    return width > (MAX_STRIPE_RATIO if is_negative else MAX_HUMP_RATIO) * (behind - before)
+
+
+def _sector(deviations: Deviations, indices: IntArray, offset_rad: FloatArray) -> tuple[np.ndarray, float]:
+    """Mask (N,) of all points in the directions of a cluster, and the cluster's width across them."""
+    low, high = float(offset_rad[indices].min()), float(offset_rad[indices].max())
+    beside = (offset_rad >= low - AZIMUTH_MARGIN_RAD) & (offset_rad <= high + AZIMUTH_MARGIN_RAD)
+    return beside, (high - low) * float(deviations.range_m[indices].min())
+
+
+def _road_borders(
+    deviations: Deviations, beside: np.ndarray, nearest_m: float, farthest_m: float
+) -> tuple[float, float]:
+    """Ranges of the last road before and the first road behind a stretch; infinitely far where none is seen."""
+    road = deviations.range_m[beside & ~deviations.below & ~deviations.above]
+    return float(road[road < nearest_m].max(initial=-np.inf)), float(road[road > farthest_m].min(initial=np.inf))
+
+
+def _stands_out(deviations: Deviations, indices: IntArray, offset_rad: FloatArray) -> bool:
+    """Whether a hole or a low rise stays one against what its own rings show left and right of it.
+
+    What they show there too is their calibration or a wave of the road. A hole is closed: where nothing is seen
+    beside it an occluder's shadow begins, and the surface was fitted to nothing there. A hump may fill the road.
+    """
+    left, right = _sides(deviations, indices, offset_rad)
+    is_negative = bool(deviations.residual_m[indices[0]] < 0.0)
+    sign = -1.0 if is_negative else 1.0
+    beside = [sign * float(np.median(side)) for side in (left, right) if side.size]
+    if is_negative and len(beside) < 2:
+        return False
+    common = max(max(beside) if is_negative else min(beside, default=0.0), 0.0)
+    relief, noise = sign * deviations.residual_m[indices] - common, deviations.noise_m[indices]
+    standing = relief > np.maximum(FLAG_SD * noise, MIN_DEPTH_M if is_negative else MIN_HEIGHT_M)
+    return bool(standing.sum() >= MIN_POINTS) and _evidence(relief[standing], noise[standing]) >= MIN_EVIDENCE
+
+
+def _sides(deviations: Deviations, indices: IntArray, offset_rad: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Residuals of the road that the rings of a cluster show left and right of it."""
+    level_range = deviations.level_range_m
+    low, high = offset_rad[indices].min(), offset_rad[indices].max()
+    reach = SIDE_REACH_M / float(deviations.range_m[indices].min())
+    nearest, farthest = float(level_range[indices].min()), float(level_range[indices].max())
+    slack = CROSS_FALL * SIDE_REACH_M * farthest / deviations.sensor_height_m
+    same_rings = (level_range > nearest - slack) & (level_range < farthest + slack)
+    road = same_rings & (deviations.residual_m < HUMP_HEIGHT_M)
+    left = (offset_rad > high) & (offset_rad < high + reach)
+    right = (offset_rad < low) & (offset_rad > low - reach)
+    return deviations.residual_m[road & left], deviations.residual_m[road & right]
+
+
+def _azimuth_about(deviations: Deviations, indices: IntArray) -> FloatArray:
+    """Azimuth (N,) of all points about the first of `indices`, in [-pi, pi)."""
+    azimuth = deviations.azimuth_rad
+    return np.asarray(np.remainder(azimuth - azimuth[indices[0]] + np.pi, 2.0 * np.pi) - np.pi)
