@@ -35,10 +35,10 @@ def street_plan(street: Street, records: Sequence[DriveRecord], obstacles: Obsta
 
 def clouds(street: Street, first: DriveRecord, second: DriveRecord) -> str:
     """SVG: what lies off the road in two cars' clouds, as satellites place them and after the shift of the matches."""
-    figure = Figure(figsize=(12, 3.9), layout="constrained")
+    figure = Figure(figsize=(12, 4.4), layout="constrained")
     middle = street.obstacles[0]
     shifts = (np.zeros(2), second.alignment.shift_m)
-    titles = ("Each where its own satellites put it", "ego2 shifted by its matched obstacles")
+    titles = ("Each where its own satellites put it", "ego1's shifted by the obstacles that both saw")
     for axes, shift, title in zip(figure.subplots(1, 2, sharey=True), shifts, titles, strict=True):
         # The shift lays the server's map, ego1's cloud here, on what the second car sees.
         for record, colour, moved in ((first, CLOUD_COLOURS[0], shift), (second, CLOUD_COLOURS[1], np.zeros(2))):
@@ -46,7 +46,7 @@ def clouds(street: Street, first: DriveRecord, second: DriveRecord) -> str:
             x, y = points[:, 0] + moved[0], points[:, 1] + moved[1]
             # As a bitmap: as vectors some ten thousand points take 20 MB.
             axes.scatter(x, y, s=1.2, c=colour, label=record.car, lw=0, rasterized=True)
-        axes.set(xlim=(middle.x_m - 9, middle.x_m + 9), ylim=(-6.5, 2.5), aspect="equal")
+        axes.set(xlim=(middle.x_m - 9, middle.x_m + 9), ylim=(-6.5, 4.2), aspect="equal")
         axes.set_title(title, loc="left", fontsize=10, color=INK)
         axes.set_xlabel("along the street, m", color=INK)
         axes.legend(loc="upper right", markerscale=6, frameon=False)
