@@ -14,6 +14,7 @@ from contract.geometry import Box, BoxSd, Kind, LatLon, PlaneCovariance
 from contract.observation import State
 from contract.obstacle import ObstacleFeature, ObstacleProperties, PointGeometry
 from detector.types import DetectedObstacle, ObstacleKind, ShapeDescriptor
+from vehicle_client.calibration import CameraCalibration
 from vehicle_client.frames import GeoOrigin, Matrix, inverse, rigid, rotation_about_z, yaw_from_heading
 from vehicle_client.obstacle_map import ObstacleMap, apply
 from vehicle_client.pose import Pose
@@ -23,6 +24,15 @@ PATRAS = LatLon(latitude_deg=38.2466, longitude_deg=21.7346)
 ORIGIN = GeoOrigin(PATRAS, 20.0)
 NOON = datetime(2026, 6, 1, 12, tzinfo=UTC)
 NOON_S = NOON.timestamp()
+
+CAMERA_AXES_IN_VEHICLE = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
+
+
+def camera_ahead(width_px: int, height_px: int, fov_deg: float) -> CameraCalibration:
+    """A camera 1.3 m over the road, 1.5 m before the middle of the car, that looks ahead."""
+    focal_px = width_px / 2 / math.tan(math.radians(fov_deg) / 2)
+    matrix = np.array([[focal_px, 0, width_px / 2], [0, focal_px, height_px / 2], [0, 0, 1]])
+    return CameraCalibration(matrix, width_px, height_px, rigid(CAMERA_AXES_IN_VEHICLE, np.array([1.5, 0.0, 1.3])))
 
 
 def planar(x_m: float, y_m: float, yaw_rad: float, z_m: float = 0.0) -> Matrix:

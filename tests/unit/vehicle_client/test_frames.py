@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from contract.geometry import LatLon
-from vehicle_client.calibration import WHEELBASE_M, CameraCalibration, VehicleCalibration, curvature_of, mounted_at
+from vehicle_client.calibration import WHEELBASE_M, VehicleCalibration, curvature_of
 from vehicle_client.frames import (
     GeoOrigin,
     Matrix,
@@ -127,15 +127,6 @@ def test_a_wheel_turned_left_bends_the_path_to_the_left() -> None:
 
 
 def test_the_sensor_s_height_is_that_of_its_mount() -> None:
-    vehicle = VehicleCalibration(mounted_at(0.5, 1.73), "lidar-64")
+    vehicle = VehicleCalibration(rigid(np.eye(3), np.array([0.5, 0.0, 1.73])), "lidar-64")
     assert vehicle.sensor_height_m == 1.73
     assert apply(vehicle.vehicle_from_sensor, np.array([10.0, 1.0, -1.73])) == pytest.approx([10.5, 1.0, 0.0])
-
-
-def test_a_camera_s_field_of_view_fills_its_width_at_any_size() -> None:
-    camera = CameraCalibration.looking_ahead(1280, 720, math.radians(90), np.eye(4))
-    half = camera.scaled(0.5)
-    assert (half.width_px, half.height_px) == (640, 360)
-    for scaled in (camera, half):
-        edge = scaled.matrix @ np.array([1.0, 0.0, 1.0])
-        assert edge[:2] == pytest.approx([scaled.width_px, scaled.height_px / 2])

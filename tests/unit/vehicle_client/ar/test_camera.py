@@ -9,13 +9,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from tests.unit.vehicle_client.making import camera_ahead
 from vehicle_client.ar.camera import NEAR_M, arcmin_px, is_inside, project
-from vehicle_client.calibration import CAMERA_AXES_IN_VEHICLE, CameraCalibration
-from vehicle_client.frames import rigid
 
-CAMERA = CameraCalibration.looking_ahead(
-    1280, 720, math.radians(90), rigid(CAMERA_AXES_IN_VEHICLE, np.array([1.5, 0.0, 1.3]))
-)
+CAMERA = camera_ahead(1280, 720, fov_deg=90)
 
 
 @pytest.mark.parametrize(

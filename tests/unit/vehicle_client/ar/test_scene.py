@@ -15,20 +15,19 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from contract.geometry import Kind
+from tests.unit.vehicle_client.making import camera_ahead
 from vehicle_client.alerts import Alerts, Hazard, Stage
 from vehicle_client.ar.camera import project
 from vehicle_client.ar.renderer import draw
 from vehicle_client.ar.scene import BEACON_BEYOND_M, MAX_MARKERS, Scene, compose
-from vehicle_client.calibration import CAMERA_AXES_IN_VEHICLE, CameraCalibration
-from vehicle_client.frames import rigid
+from vehicle_client.calibration import CameraCalibration
 
 NOTHING = np.empty((0, 3))
 SIZES = [(640, 360), (1280, 720)]
 
 
 def camera_of(width_px: int = 1280, height_px: int = 720, fov_deg: float = 70.0) -> CameraCalibration:
-    on_car = rigid(CAMERA_AXES_IN_VEHICLE, np.array([1.5, 0.0, 1.3]))
-    return CameraCalibration.looking_ahead(width_px, height_px, math.radians(fov_deg), on_car)
+    return camera_ahead(width_px, height_px, fov_deg)
 
 
 def hazard(
