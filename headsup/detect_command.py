@@ -40,6 +40,14 @@ def detect_files(
     For each FILE writes into the folder, under the file's name without its last ending: NAME.labels.npy (a class for
     each point), NAME.saliency.npy, NAME.obstacles.json and NAME.png. Files of equal name in different folders are told
     apart by the folder's name. A file that cannot be used is reported, and the others go on.
+
+    Examples:
+
+        headsup detect sweep.bin --out out/detect
+
+        headsup detect drive/*.laz --out out/detect --sensor-height 1.73
+
+        headsup detect sweep.pcd --out out/saliency --method saliency
     """
     from rich.console import Console
     from rich.progress import track

@@ -59,6 +59,13 @@ class ServerProcess:
         )
         self.url = self._announced_url(self._process)
 
+    @property
+    def process_id(self) -> int:
+        """Number of the server's process. Raises DemoError before `start`."""
+        if self._process is None:
+            raise DemoError("the server has not been started")
+        return self._process.pid
+
     def ensure_alive(self) -> None:
         """Raise a clear error if the server has gone."""
         code = self._process.poll() if self._process is not None else None
@@ -79,20 +86,20 @@ class ServerProcess:
         self._log.close()
 
     def _announced_url(self, process: subprocess.Popen[bytes]) -> str:
-        lines: queue.Queue[str] = queue.Queue()
-        threading.Thread(target=self._drain, args=(process, lines), daemon=True).start()
+        lines: queue.Queue[str | None] = queue.Queue()
+        threading.Thread(target=_pass_on, args=(process, lines), daemon=True).start()
         try:
-            while not (found := _LISTENING.search(lines.get(timeout=START_TIMEOUT_S))):
-                pass
+            while (line := lines.get(timeout=START_TIMEOUT_S)) is not None:
+                if found := _LISTENING.search(line):
+                    return found.group(1)
         except queue.Empty:
-            self.ensure_alive()
             raise DemoError(f"the server did not start in {START_TIMEOUT_S:.0f} s; see {self._log_path}") from None
-        return found.group(1)
+        raise DemoError(f"the server did not start; {self._log_path} says why")
 
-    def _drain(self, process: subprocess.Popen[bytes], lines: queue.Queue[str]) -> None:
-        """Pass on what the server prints, so that its pipe never fills; an empty line marks the end."""
-        if process.stdout is not None:
-            for line in process.stdout:
-                lines.put(line.decode(errors="replace"))
-        if process.wait() != 0:
-            lines.put("listening on http://stopped.invalid")
+
+def _pass_on(process: subprocess.Popen[bytes], lines: queue.Queue[str | None]) -> None:
+    """Read all that the server prints, so that its pipe never fills; None marks the end."""
+    if process.stdout is not None:
+        for line in process.stdout:
+            lines.put(line.decode(errors="replace"))
+    lines.put(None)
