@@ -16,7 +16,7 @@ from contract.geometry import Kind
 from contract.obstacle import ObstacleFeature
 from vehicle_client.alignment import UNALIGNED, Alignment
 from vehicle_client.frames import Vector, apply, inverse
-from vehicle_client.obstacle_map import ObstacleMap, place_in_vehicle
+from vehicle_client.obstacle_map import ObstacleMap, place_in_vehicle, stored_sd_m
 from vehicle_client.pose import Pose
 from vehicle_client.tracking import Track
 
@@ -64,8 +64,11 @@ MIN_DISTANCE_M, MAX_DISTANCE_M = 30.0, 400.0
 STANDSTILL_MPS = 2.0
 """Below walking pace nothing is announced."""
 
-CORRIDOR_M = 3.5
-"""Half width of the way ahead: the own lane and half of the next, since both places are known to a metre or two."""
+CORRIDOR_M = 2.5
+"""Half width of the way ahead: half a lane (1.75 m) and half a large hole; how unsure both places are comes on top."""
+
+HEADING_SD_RAD = 0.005
+"""Error of a heading from two antennas a metre apart, 0.3 degrees: 0.8 m sideways at 160 m."""
 
 OWN_GATE_M = 4.0
 """An own track and a server's obstacle of one sign nearer than this are one: 3 sigma of two satellite positions."""
@@ -75,7 +78,8 @@ OWN_GATE_M = 4.0
 class Hazard:
     """One obstacle ahead, from the server, from the own LiDAR, or from both.
 
-    `centre_vehicle_m` is (3,) in the `vehicle` frame; `yaw_rad` is in the same frame. `distance_m` is along the road.
+    `centre_vehicle_m` is (3,) in the `vehicle` frame; `yaw_rad` is in the same frame. `distance_m` is along the road,
+    `beside_sd_m` the standard deviation of the place across it.
     """
 
     kind: Kind
@@ -86,6 +90,7 @@ class Hazard:
     length_m: float
     width_m: float
     yaw_rad: float
+    beside_sd_m: float
     obstacle_id: UUID | None
     track_id: int | None
 
@@ -136,7 +141,7 @@ def choose(
     chime = False
     for hazard in _not_passed(known, tracks, pose, alignment):
         before = max((previous.stages[k] for k in hazard.keys if k in previous.stages), default=None)
-        on_way = abs(hazard.centre_vehicle_m[1]) < CORRIDOR_M
+        on_way = abs(hazard.centre_vehicle_m[1]) < CORRIDOR_M + 2 * hazard.beside_sd_m
         now = stage_at(hazard.distance_m, pose.speed_mps) if on_way else None
         stage = max((s for s in (before, now) if s is not None), default=None)
         if stage is None:
@@ -174,11 +179,15 @@ def _not_passed(known: ObstacleMap, tracks: Sequence[Track], pose: Pose, alignme
         if track_id is None:
             yaw = box.yaw_rad - (math.pi / 2 - pose.heading_rad)
             shape = (box.length_mm / 1000, box.width_mm / 1000, yaw % math.pi)
-            hazards.append(_hazard(kind, place, shape, pose, obstacle_id, None))
+            place_sd_m = alignment.place_sd_m(stored_sd_m(feature), pose.sd_m)
+            sd_m = math.hypot(place_sd_m, HEADING_SD_RAD * float(place[0]))
+            hazards.append(_hazard(kind, place, shape, pose, sd_m, obstacle_id, None))
         else:
             track, centre = own.pop(track_id)
-            hazards.append(_hazard(kind, centre, _shape(track, pose), pose, obstacle_id, track_id))
-    hazards += [_hazard(Kind(t.kind), centre, _shape(t, pose), pose, None, t.track_id) for t, centre in own.values()]
+            hazards.append(_hazard(kind, centre, _shape(track, pose), pose, 0.0, obstacle_id, track_id))
+    hazards += [
+        _hazard(Kind(t.kind), centre, _shape(t, pose), pose, 0.0, None, t.track_id) for t, centre in own.values()
+    ]
     return [h for h in hazards if h.distance_m > 0]
 
 
@@ -209,10 +218,13 @@ def _hazard(
     centre: Vector,
     shape: tuple[float, float, float],
     pose: Pose,
+    beside_sd_m: float,
     obstacle_id: UUID | None,
     track_id: int | None,
 ) -> Hazard:
     distance_m = float(centre[0])
     length_m, width_m, yaw_rad = shape
     arrival_s = distance_m / pose.speed_mps
-    return Hazard(kind, Stage.INFO, distance_m, arrival_s, centre, length_m, width_m, yaw_rad, obstacle_id, track_id)
+    return Hazard(
+        kind, Stage.INFO, distance_m, arrival_s, centre, length_m, width_m, yaw_rad, beside_sd_m, obstacle_id, track_id
+    )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from types import MappingProxyType
@@ -71,6 +72,12 @@ def drop_expired(known: ObstacleMap, now_s: float) -> ObstacleMap:
 def place_in_vehicle(feature: ObstacleFeature, pose: Pose) -> Vector:
     """Centre of a known obstacle in the `vehicle` frame, (3,)."""
     return pose.in_vehicle(feature.position, feature.properties.altitude_m)
+
+
+def stored_sd_m(feature: ObstacleFeature) -> float:
+    """Standard deviation per axis of a known obstacle's position."""
+    covariance = feature.properties.position_covariance
+    return math.sqrt((covariance.east_m2 + covariance.north_m2) / 2)
 
 
 def _is_gone(known: ObstacleMap, feature: ObstacleFeature) -> bool:

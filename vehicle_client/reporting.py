@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import replace
 from datetime import UTC, datetime
@@ -25,6 +24,7 @@ from detector.inspection import KnownPlace, PlaceVerdict
 from detector.types import DetectedObstacle
 from vehicle_client.alignment import Alignment
 from vehicle_client.frames import GeoOrigin, apply, axis_yaw, inverse, yaw_of
+from vehicle_client.obstacle_map import stored_sd_m
 from vehicle_client.pose import Pose
 from vehicle_client.tracking import Track, Tracks
 
@@ -51,7 +51,6 @@ def known_place(feature: ObstacleFeature, pose: Pose, alignment: Alignment) -> K
     """A known obstacle as the detector inspects it: in `odom`, laid on what the car sees, with what remains unsure."""
     properties = feature.properties
     centre_enu = pose.origin.enu(feature.position, properties.altitude_m)
-    stored_m2 = (properties.position_covariance.east_m2 + properties.position_covariance.north_m2) / 2
     shift = np.array([*alignment.shift_m, 0.0])
     return KnownPlace(
         centre_odom_m=apply(inverse(pose.enu_from_odom), centre_enu) + shift,
@@ -60,7 +59,7 @@ def known_place(feature: ObstacleFeature, pose: Pose, alignment: Alignment) -> K
         yaw_rad=axis_yaw(properties.box.yaw_rad - yaw_of(pose.enu_from_odom)),
         relief_m=properties.box.relief_mm / 1000,
         is_negative=properties.sign is Sign.NEGATIVE,
-        place_sd_m=alignment.place_sd_m(math.sqrt(stored_m2), pose.sd_m),
+        place_sd_m=alignment.place_sd_m(stored_sd_m(feature), pose.sd_m),
     )
 
 

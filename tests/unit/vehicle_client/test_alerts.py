@@ -172,11 +172,25 @@ def test_what_lies_behind_or_beside_the_way_is_not_shown(east_m: float, north_m:
     assert (alerts.hazards, alerts.chime) == ((), False)
 
 
+@pytest.mark.parametrize(("beside_m", "is_shown"), [(4.0, True), (-4.0, True), (6.0, False), (-6.0, False)])
+def test_what_may_lie_on_the_way_is_shown_since_neither_place_is_known_to_a_lane(
+    beside_m: float, is_shown: bool
+) -> None:
+    # Standard deviations of 1 m for the car and 0.5 m for the obstacle: 2.5 m and twice 1.15 m.
+    alerts = told(map_of(feature(east_m=50.0, north_m=beside_m)))
+    assert bool(alerts.hazards) is is_shown
+
+
+def test_far_ahead_a_small_error_of_the_heading_keeps_no_obstacle_from_the_driver() -> None:
+    assert told(map_of(feature(east_m=160.0, north_m=5.2))).hazards
+    assert not told(map_of(feature(east_m=40.0, north_m=5.2))).hazards
+
+
 def test_a_place_that_wavers_over_the_edge_of_the_way_sounds_one_chime() -> None:
     alerts, chimes = Alerts(), 0
     for number in range(20):
         beside_m = CORRIDOR_M + (0.2 if number % 2 else -0.2)
-        alerts = told(map_of(feature(north_m=beside_m)), previous=alerts, east_m=-75.0 + number)
+        alerts = told(map_of(), (track_at(0.0, beside_m),), previous=alerts, east_m=-75.0 + number)
         chimes += alerts.chime
     assert chimes == 1
 
