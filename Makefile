@@ -34,7 +34,7 @@ demo: setup ## the whole loop on one street, into OUT; DATA=DIR sets the real po
 
 .PHONY: test
 test: setup ## every test but the long proofs
-	$(BIN)/pytest -n auto -m "not soak"
+	$(BIN)/pytest -n auto --dist loadfile -m "not soak"
 
 .PHONY: check
 check: setup ## lint, format, types and the architecture's import rules

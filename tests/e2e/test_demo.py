@@ -21,12 +21,14 @@ OBSTACLES = {"pothole 1", "bump", "debris", "pothole 2"}
 PATIENCE_S = 480
 
 
-@pytest.fixture(scope="module")
-def demo(tmp_path_factory: pytest.TempPathFactory) -> Path:
+OTHER_SEEDS = (2, 3, 4, 5)
+
+
+@pytest.fixture(scope="module", params=[1, *(pytest.param(seed, marks=pytest.mark.soak) for seed in OTHER_SEEDS)])
+def demo(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Path:
     out = tmp_path_factory.mktemp("demo")
-    done = subprocess.run(
-        [*COMMAND, "--out", str(out)], capture_output=True, text=True, timeout=PATIENCE_S, check=False
-    )
+    command = [*COMMAND, "--seed", str(request.param), "--out", str(out)]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=PATIENCE_S, check=False)
     assert done.returncode == 0, done.stderr
     return out
 
