@@ -62,7 +62,7 @@ def estimate_sensor_height(points_m: Float32Array) -> float:
         ring = (range_m > GROUND_RANGE_M[0]) & (range_m < GROUND_RANGE_M[1]) & np.isfinite(points[:, 2])
         ring &= (points[:, 2] < -PLAUSIBLE_HEIGHT_M[0]) & (points[:, 2] > -PLAUSIBLE_HEIGHT_M[1])
     if ring.sum() < MIN_GROUND_POINTS:
-        raise DetectorError("no ground between 3 and 15 m around the sensor: give its height")
+        raise DetectorError("no ground between 3 and 15 m around the sensor: state its height (--sensor-height)")
     ground = points[ring]
     edges = np.arange(-PLAUSIBLE_HEIGHT_M[1], 0.0, HEIGHT_BIN_M)
     counts, _ = np.histogram(ground[:, 2], edges)

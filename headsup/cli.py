@@ -30,7 +30,9 @@ def main() -> None:
     except ModuleNotFoundError as error:
         if error.name is None or error.name.split(".")[0] in OUR_PACKAGES:
             raise
-        raise SystemExit(f"headsup: {error.name} is not installed; run: pip install 'headsup[all]'") from None
+        raise SystemExit(
+            f"headsup: {error.name} is not installed; run `make setup`, or pip install '.[all]' in the project's folder"
+        ) from None
 
 
 if __name__ == "__main__":

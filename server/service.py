@@ -138,11 +138,13 @@ class Service:
         """One transaction: lock, read, decide, write. It has committed when this returns."""
         async with self._database.write() as connection:
             repository = self._repository(connection)
+            report = self._report(parcel)
             centre, radius_m = self._area(parcel.message)
-            await repository.lock(quadkey.tiles(centre, radius_m))
+            if not isinstance(report, str):
+                # Only what can change something locks: at a pole the area of a report is a whole row of tiles.
+                await repository.lock(quadkey.tiles(centre, radius_m))
             if earlier := await repository.logged(parcel.key_id, parcel.message.report_id):
                 return _Outcome(_answered_before(parcel, earlier))
-            report = self._report(parcel)
             if isinstance(report, str):
                 return _Outcome(answers.refused(parcel.message, ReportStatus.REJECTED, report))
             nearby = await repository.candidates(centre, radius_m, parcel.witness)

@@ -32,14 +32,23 @@ def demo(
 
         headsup demo --seed 7 --no-video
     """
+    import signal
+
     from headsup.demo.problem import DemoError
     from headsup.demo.story import tell
     from simulator.scan import ScanError
     from vehicle_client.outbox import OutboxError
 
+    # Ended by a supervisor is ended like by Ctrl-C: the server and the folder of the run must not stay behind.
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
     try:
+        if out.exists() and not out.is_dir():
+            raise DemoError(f"{out} is a file; give --out a folder")
         tell(out, data, seed, with_video=video)
-    except (DemoError, OutboxError, ScanError, OSError) as error:
+    except OSError as error:
+        typer.echo(f"headsup demo: {error.filename or out}: {error.strerror or error}", err=True)
+        raise typer.Exit(1) from None
+    except (DemoError, OutboxError, ScanError) as error:
         typer.echo(f"headsup demo: {error}", err=True)
         raise typer.Exit(1) from None
     except KeyboardInterrupt:

@@ -66,8 +66,18 @@ MOMENTS = (
         "ego2-early-warning",
         "ego2 is told by the server: the hole is far beyond what its LiDAR or its driver can see.",
     ),
-    Moment("ego2", _marked, "ego2-marker", "Nearer, a beacon marks the place on the road; still nothing to be seen."),
-    Moment("ego2", _recognised_near, "ego2-recognition", "ego2's own LiDAR confirms it: the marker turns red."),
+    Moment(
+        "ego2",
+        _marked,
+        "ego2-marker",
+        "Nearer, beacons mark the places, as well as two cars' satellites know them: to a metre or two.",
+    ),
+    Moment(
+        "ego2",
+        _recognised_near,
+        "ego2-recognition",
+        "ego2's own LiDAR confirms it: the ring turns red, and the beacons move with it to where they belong.",
+    ),
 )
 
 SEGMENTED = (
@@ -75,7 +85,10 @@ SEGMENTED = (
     "Classes of all points of ego2's sweep, gaps filled: safe blue, below the road yellow, "
     "above it cyan, off the road purple, recognised obstacle red.",
 )
-SALIENCY = ("saliency", "The paper's saliency of the same sweep: rims and edges stand out, flat floors never do.")
+SALIENCY = (
+    "saliency",
+    "The paper's saliency of the same sweep as a heat map: over a whole street walls, poles and trees outshine a hole.",
+)
 
 
 class Album:

@@ -108,6 +108,7 @@ def tell(out: Path, data: Path | None, seed: int, *, with_video: bool) -> Summar
     street = first_light_street(seed, scans)
     plan = acts(street)
     film_path = out / "ego2.mp4" if with_video else None
+    (out / "ego2.mp4").unlink(missing_ok=True)
     reporter, album = Reporter([*(act.car for act in plan), *(["film"] if with_video else [])]), Album(out)
     with (
         tempfile.TemporaryDirectory(prefix="headsup-demo-") as folder,
@@ -126,6 +127,8 @@ def tell(out: Path, data: Path | None, seed: int, *, with_video: bool) -> Summar
     summary = write_summary(out / "summary.json", street, records, seed=seed, scans=data is not None)
     write_report(out / "report.html", summary, records, obstacles, album, film_path=film_path)
     reporter.show(summary, out)
+    if untold := summary.untold():
+        raise DemoError(f"the story is not complete, no {' and no '.join(untold)}; the report shows what happened")
     return summary
 
 

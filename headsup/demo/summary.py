@@ -12,6 +12,8 @@ from simulator.street import Street
 
 WARNED_CAR = "ego2"
 
+STORY = ("created", "kept", "updated", "absent", "removed")
+
 
 @dataclass(frozen=True, slots=True)
 class Warned:
@@ -35,6 +37,11 @@ class Summary:
     speed_mps: float
     decisions: tuple[DecisionRow, ...]
     warnings: tuple[Warned, ...]
+
+    def untold(self) -> list[str]:
+        """Of the decisions that the story is about, those that were never made."""
+        made = {row.decision for row in self.decisions}
+        return [decision for decision in STORY if decision not in made]
 
 
 def write_summary(path: Path, street: Street, records: Sequence[DriveRecord], *, seed: int, scans: bool) -> Summary:

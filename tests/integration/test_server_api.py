@@ -161,6 +161,23 @@ async def test_the_antimeridian_is_no_border(client: httpx.AsyncClient) -> None:
     assert kept[0].detections[0].decision == "kept"
 
 
+@pytest.mark.parametrize("latitude_deg", [90.0, -90.0, 89.99])
+async def test_a_report_from_a_pole_is_rejected_and_holds_nobody_up(
+    client: httpx.AsyncClient, latitude_deg: float
+) -> None:
+    honest = message(detection(), at=ago(3))
+    pole = LatLon(latitude_deg=latitude_deg, longitude_deg=0.0)
+    at_pole = message(detection(), at=ago(2)).model_copy(
+        update={"report_id": uuid4(), "origin": honest.origin.model_copy(update={"position": pole})}
+    )
+    results = await posted(client, honest, at_pole, message(detection(), vehicle="ego2", at=ago(1)))
+    assert [(r.status, r.reason) for r in results] == [
+        ("accepted", None),
+        ("rejected", "beyond-the-map"),
+        ("accepted", None),
+    ]
+
+
 async def test_twenty_writers_create_an_obstacle_at_a_tile_corner_once(client: httpx.AsyncClient) -> None:
     corner = LatLon(latitude_deg=0.0, longitude_deg=0.0)
     assert len(tiles(corner, 100)) == 4

@@ -85,7 +85,9 @@ def read_numpy(path: Path) -> LidarFrame:
         loaded = np.load(path, allow_pickle=False)
         values = loaded if isinstance(loaded, np.ndarray) else _points_of(loaded)
     except Exception as error:  # so do NumPy's and zipfile's
-        raise SourceError(f"{path}: expected a NumPy file with an array of points (N, 3): {error}") from error
+        raise SourceError(
+            f"{path}: expected a NumPy file with an array of numbers (N, 3), in NPZ one array or one called points"
+        ) from error
     if values.ndim != 2 or values.shape[1] < 3 or values.dtype.kind not in "fiu":
         raise SourceError(f"{path}: expected an array of numbers (N, 3) or (N, 4), found {values.dtype} {values.shape}")
     return LidarFrame(
