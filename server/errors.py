@@ -90,7 +90,7 @@ def install(app: FastAPI) -> None:
         return problem_of(error)
 
     async def invalid(_request: Request, error: Exception) -> Response:
-        assert isinstance(error, RequestValidationError)  # noqa: S101
+        assert isinstance(error, RequestValidationError)  # noqa: S101  # registered for that type below
         # Neither the input nor the exception's context: they may be huge, not a number, or secret.
         errors = [
             {"where": ".".join(map(str, item["loc"]))[:200], "what": str(item["msg"])[:500]}
@@ -99,7 +99,7 @@ def install(app: FastAPI) -> None:
         return problem("invalid", HTTPStatus.UNPROCESSABLE_ENTITY, "the request does not fit the schema", errors=errors)
 
     async def http_error(_request: Request, error: Exception) -> Response:
-        assert isinstance(error, HTTPException)  # noqa: S101
+        assert isinstance(error, HTTPException)  # noqa: S101  # registered for that type below
         status = HTTPStatus(error.status_code)
         return problem(status.phrase.lower().replace(" ", "-"), status, status.description, error.headers)
 
