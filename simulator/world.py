@@ -28,11 +28,15 @@ Float32Array = NDArray[np.float32]
 
 @dataclass(frozen=True, slots=True)
 class Hits:
-    """Where N rays ended: distance in units of the ray's direction (inf: nowhere), part index (-1), unit normal."""
+    """Where N rays ended: distance in units of the ray's direction (inf: nowhere), part index (-1), unit normal.
+
+    `mover` is the number of the moving thing that was hit, 0 for what stands still.
+    """
 
     distance: Float32Array
     part: NDArray[np.int32]
     normal: Float32Array
+    mover: NDArray[np.int32]
 
 
 class World:
@@ -49,13 +53,20 @@ class World:
             _add(self._scene, part)
         self._painter = Painter(street, self.parts)
 
-    def cast(self, origins_m: Float32Array, directions: Float32Array) -> Hits:
-        """First hits of rays from (N, 3) or (3,) origins along (N, 3) directions, frame `street`."""
+    def cast(
+        self,
+        origins_m: Float32Array,
+        directions: Float32Array,
+        time_s: FloatArray | float = 0.0,
+        ignored_mover: int = 0,
+    ) -> Hits:
+        """First hits of rays from (N, 3) or (3,) origins along (N, 3) directions, frame `street`, each at its time."""
         rays = np.concatenate([np.broadcast_to(origins_m, directions.shape), directions], axis=1, dtype=np.float32)
         answer = self._scene.cast_rays(_tensor(rays))
         part = answer["geometry_ids"].numpy().astype(np.int32)
         part[part >= len(self.parts)] = -1
-        return Hits(answer["t_hit"].numpy(), part, answer["primitive_normals"].numpy())
+        mover = np.zeros(len(part), dtype=np.int32)
+        return Hits(answer["t_hit"].numpy(), part, answer["primitive_normals"].numpy(), mover)
 
     def reaches(self, points_m: Float32Array, direction: Float32Array) -> NDArray[np.bool_]:
         """Whether the way from each point (N, 3) along one direction is free."""

@@ -1,0 +1,42 @@
+"""Where a body is at any time: what carries sensors and what moves through the street."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+FloatArray = NDArray[np.float64]
+
+
+class Motion(Protocol):
+    """A rigid body's movement, smooth enough to be differentiated twice."""
+
+    def poses(self, time_s: FloatArray) -> FloatArray:
+        """`street_from_body` (N, 4, 4) at times (N,) of the world's clock."""
+        ...
+
+
+@dataclass(frozen=True, slots=True)
+class Standing:
+    """A body that stays at one (4, 4) pose."""
+
+    street_from_body: FloatArray
+
+    def poses(self, time_s: FloatArray) -> FloatArray:
+        """The same pose at every time."""
+        return np.broadcast_to(self.street_from_body, (len(time_s), 4, 4))
+
+
+@dataclass(frozen=True, slots=True)
+class Carried:
+    """A body fixed to another one: a sensor on its vehicle."""
+
+    carrier: Motion
+    carrier_from_body: FloatArray
+
+    def poses(self, time_s: FloatArray) -> FloatArray:
+        """The carrier's poses, with the mounting applied."""
+        return np.asarray(self.carrier.poses(time_s) @ self.carrier_from_body)
