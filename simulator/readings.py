@@ -96,14 +96,15 @@ Reading = LidarReading | ImageReading | GnssReading | ImuReading
 class EgoFrame:
     """One frame of one vehicle: the world's tick, the exact state, and every reading since the frame before it.
 
-    `street_from_vehicle` and `enu_from_vehicle` (4, 4) are exact; `steering_rad` is the front wheels' angle, positive
-    to the left.
+    `street_from_vehicle` and `enu_from_vehicle` (4, 4) are exact; `odom_from_vehicle` (4, 4) is what wheels and gyro
+    say, smooth and drifting; `steering_rad` is the front wheels' angle, positive to the left.
     """
 
     number: int
     time_s: float
     street_from_vehicle: FloatArray
     enu_from_vehicle: FloatArray
+    odom_from_vehicle: FloatArray
     speed_mps: float
     steering_rad: float
     readings: tuple[Reading, ...]
