@@ -13,6 +13,7 @@ from contract.geometry import LatLon
 from simulator.camera import CameraModel
 from simulator.lidar import LidarModel
 from simulator.mesh import pose
+from simulator.motion import Standing
 from simulator.street import LANE_CENTRE_M, Street
 from simulator.world import World
 
@@ -120,7 +121,8 @@ class Drive:
         odometry = _odometry(self._path.street_from_vehicle, self._plan.wander, rng)
         for index, street_from_vehicle in enumerate(self._path.street_from_vehicle):
             enu_from_vehicle = enu_from_street @ street_from_vehicle
-            sweep = self._world.sweep(self._plan.lidar, street_from_vehicle @ self._plan.vehicle_from_sensor, rng)
+            sensor = Standing(street_from_vehicle @ self._plan.vehicle_from_sensor)
+            sweep = self._world.sweep(self._plan.lidar, sensor, index * self._plan.period_s, rng)
             camera = self._plan.camera
             yield DriveSample(
                 stamp_s=self._plan.start_time_s + index * self._plan.period_s,

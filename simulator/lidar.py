@@ -3,21 +3,40 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
+from simulator.beam import Beam, Shots, spread
+from simulator.motion import Motion
+from simulator.readings import Sweep
+from simulator.returns import CarlaReturns, Returns, cos_incidence, received_power
+
 if TYPE_CHECKING:
-    from simulator.world import World
+    from simulator.world import Hits, World
 
 FloatArray = NDArray[np.float64]
+Float32Array = NDArray[np.float32]
+
+
+@dataclass(frozen=True, slots=True)
+class Laser:
+    """One channel: its elevation, and where it looks out, above the sensor's origin."""
+
+    elevation_rad: float
+    height_m: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)
 class LidarModel:
-    """Default: the paper's sensor (section "Experimental Setup"), CARLA's ray-cast LiDAR with 64 channels."""
+    """Default: the paper's sensor (section "Experimental Setup"), CARLA's ray-cast LiDAR with 64 channels.
+
+    `lasers`, from below to above, replace evenly spaced channels. A `rolling` sensor fires each column of its turn at
+    its own time and place; CARLA's fires all at the end. `beam` is its width, None for a mathematical line.
+    """
 
     channels: int = 64
     upper_elevation_rad: float = math.radians(10.0)
@@ -27,6 +46,20 @@ class LidarModel:
     rate_hz: float = 30.0
     height_m: float = 2.4
     range_sd_m: float = 0.01
+    near_m: float = 0.0
+    lasers: tuple[Laser, ...] = ()
+    clockwise: bool = True
+    rolling: bool = False
+    beam: Beam | None = None
+    returns: Returns = field(default_factory=CarlaReturns)
+
+    def __post_init__(self) -> None:
+        if self.lasers and len(self.lasers) != self.channels:
+            raise ValueError(f"a LiDAR of {self.channels} channels has that many lasers, not {len(self.lasers)}")
+        if self.channels < 1 or not 0 < self.rate_hz < math.inf or self.columns < 1:
+            raise ValueError("a LiDAR has a channel, a rate and enough points a second for one column of its turn")
+        if not (0 <= self.near_m < self.range_m and 0 <= self.range_sd_m < math.inf):
+            raise ValueError("a LiDAR measures from near_m >= 0 to a larger range_m, with a noise that is not negative")
 
     @property
     def columns(self) -> int:
@@ -36,49 +69,117 @@ class LidarModel:
     @property
     def elevations_rad(self) -> FloatArray:
         """Elevation of each ring, (channels,); ring 0 looks down most."""
+        if self.lasers:
+            return np.array([laser.elevation_rad for laser in self.lasers])
         return np.linspace(self.lower_elevation_rad, self.upper_elevation_rad, self.channels)
 
+    @property
+    def heights_m(self) -> FloatArray:
+        """Height above the sensor's origin that each ring's light comes from, (channels,)."""
+        return np.array([laser.height_m for laser in self.lasers]) if self.lasers else np.zeros(self.channels)
 
-@dataclass(frozen=True, slots=True)
-class Sweep:
-    """One turn: the returns in the order they were fired (by azimuth, then ring), and the truth of each.
 
-    `points_m` (N, 3) float32, frame `sensor`; `ring` (N,); `azimuth_rad` (N,) counter-clockwise from ahead;
-    `surface` (N,) holds `Surface` values, `obstacle_id` (N,) the obstacle's number or 0.
+def azimuths(lidar: LidarModel, phase: float) -> FloatArray:
+    """Azimuth of each column (columns,), counter-clockwise from ahead, in the order of firing.
+
+    The turn begins and ends behind the sensor; `phase` in [0, 1) shifts the grid by that part of a column.
     """
-
-    points_m: NDArray[np.float32]
-    ring: NDArray[np.uint16]
-    azimuth_rad: NDArray[np.float32]
-    surface: NDArray[np.uint8]
-    obstacle_id: NDArray[np.int32]
+    turned: FloatArray = (np.arange(lidar.columns) + phase) * (2 * math.pi / lidar.columns)
+    return math.pi - turned if lidar.clockwise else turned - math.pi
 
 
-def directions(lidar: LidarModel, phase_rad: float) -> tuple[FloatArray, FloatArray, NDArray[np.uint16]]:
-    """Unit directions (N, 3) of one turn, with their azimuths (N,) and rings (N,)."""
-    azimuths = phase_rad + np.arange(lidar.columns) * (2 * math.pi / lidar.columns)
-    azimuth, elevation = (a.ravel() for a in np.meshgrid(azimuths, lidar.elevations_rad, indexing="ij"))
-    ring = np.tile(np.arange(lidar.channels, dtype=np.uint16), lidar.columns)
-    flat = np.cos(elevation)
-    return np.stack([flat * np.cos(azimuth), flat * np.sin(azimuth), np.sin(elevation)], axis=1), azimuth, ring
+def firing_offsets(lidar: LidarModel) -> FloatArray:
+    """Time of each column (columns,) relative to the end of the turn: zero for the last, or for all if not rolling."""
+    if not lidar.rolling:
+        return np.zeros(lidar.columns)
+    offset_s: FloatArray = (np.arange(lidar.columns) + 1 - lidar.columns) / (lidar.columns * lidar.rate_hz)
+    return offset_s
 
 
-def measure(world: World, lidar: LidarModel, street_from_sensor: FloatArray, rng: np.random.Generator) -> Sweep:
-    """One turn with its own azimuth phase and range noise along the rays; misses are left out."""
-    rays, azimuth, ring = directions(lidar, rng.uniform(0, 2 * math.pi / lidar.columns))
-    noise_m = rng.normal(0.0, lidar.range_sd_m, len(rays))
-    origin = street_from_sensor[:3, 3]
-    street_rays = rays @ street_from_sensor[:3, :3].T
-    hits = world.cast(origin.astype(np.float32), street_rays.astype(np.float32))
-    range_m = hits.distance.astype(np.float64)
-    returned = range_m <= lidar.range_m
-    hit_m = origin + street_rays * np.where(returned, range_m, 0.0)[:, None]
-    ids = world.obstacle_ids(hits, hit_m)
-    points = rays[returned] * (range_m + noise_m)[returned, None]
+def measure(
+    world: World, lidar: LidarModel, motion: Motion, end_s: float, rng: np.random.Generator, ignored_mover: int = 0
+) -> Sweep:
+    """The turn that ends at `end_s` of a sensor carried by `motion`, with its own azimuth phase; misses are left out.
+
+    The noise of the range lies along the rays. `ignored_mover` is the vehicle that carries the sensor.
+    """
+    azimuth, offset_s = azimuths(lidar, rng.uniform()), firing_offsets(lidar)
+    street_from_sensor = np.ascontiguousarray(motion.poses(end_s + offset_s), dtype=np.float64)
+    height_m, elevation = lidar.heights_m, lidar.elevations_rad
+    origins, rays = _rays(azimuth, elevation, height_m, street_from_sensor)
+    chance = rng.random(len(rays), dtype=np.float32)
+    noise_m = rng.standard_normal(len(rays), dtype=np.float32) * np.float32(lidar.range_sd_m)
+
+    shots = Shots(origins, rays, np.repeat(end_s + offset_s, lidar.channels), lidar.channels, ignored_mover)
+    hits = world.cast(origins, rays, shots.time_s, ignored_mover)
+    power = received_power(world, hits, rays)
+    if lidar.beam is not None:
+        hits, power = spread(world, lidar.beam, shots, hits, power)
+    intensity, kept = lidar.returns.receive(hits.distance, power, chance)
+    kept &= (hits.distance >= lidar.near_m) & (hits.distance <= lidar.range_m)
+
+    index = np.flatnonzero(kept)
+    hits, rays = _taken(hits, index), rays[index]
+    column, ring = np.divmod(index, lidar.channels)
     return Sweep(
-        points_m=points.astype(np.float32),
-        ring=ring[returned],
-        azimuth_rad=azimuth[returned].astype(np.float32),
-        surface=world.surfaces(hits)[returned],
-        obstacle_id=ids[returned],
+        points_m=_points(column, ring, hits.distance + noise_m[index], azimuth, elevation, height_m),
+        ring=ring.astype(np.uint16),
+        azimuth_rad=azimuth.astype(np.float32)[column],
+        time_offset_s=offset_s.astype(np.float32)[column],
+        intensity=intensity[index],
+        cos_incidence=cos_incidence(hits.normal, rays),
+        surface=world.surfaces(hits),
+        obstacle_id=world.obstacle_ids(hits, origins[index] + rays * hits.distance[:, None]),
+        mover_id=hits.mover,
     )
+
+
+def _taken(hits: Hits, index: NDArray[np.intp]) -> Hits:
+    return replace(
+        hits,
+        distance=hits.distance[index],
+        part=hits.part[index],
+        normal=hits.normal[index],
+        mover=hits.mover[index],
+    )
+
+
+@njit(cache=True, nogil=True)
+def _rays(
+    azimuth: FloatArray, elevation: FloatArray, height_m: FloatArray, street_from_sensor: FloatArray
+) -> tuple[Float32Array, Float32Array]:
+    """Origins and unit directions (N, 3), frame `street`, of every column at its own pose (columns, 4, 4)."""
+    channels = len(elevation)
+    origins = np.empty((len(azimuth) * channels, 3), dtype=np.float32)
+    rays = np.empty_like(origins)
+    flat, up = np.cos(elevation), np.sin(elevation)
+    for column in range(len(azimuth)):
+        cos, sin = math.cos(azimuth[column]), math.sin(azimuth[column])
+        pose = street_from_sensor[column]
+        for axis in range(3):
+            along = pose[axis, 0] * cos + pose[axis, 1] * sin
+            for ring in range(channels):
+                rays[column * channels + ring, axis] = flat[ring] * along + up[ring] * pose[axis, 2]
+                origins[column * channels + ring, axis] = pose[axis, 3] + height_m[ring] * pose[axis, 2]
+    return origins, rays
+
+
+@njit(cache=True, nogil=True)
+def _points(
+    column: NDArray[np.intp],
+    ring: NDArray[np.intp],
+    range_m: Float32Array,
+    azimuth: FloatArray,
+    elevation: FloatArray,
+    height_m: FloatArray,
+) -> Float32Array:
+    """Points (N, 3), frame `sensor` at the moment each was fired."""
+    points = np.empty((len(ring), 3), dtype=np.float32)
+    cos, sin = np.cos(azimuth), np.sin(azimuth)
+    flat, up = np.cos(elevation), np.sin(elevation)
+    for i in range(len(ring)):
+        along = range_m[i] * flat[ring[i]]
+        points[i, 0] = along * cos[column[i]]
+        points[i, 1] = along * sin[column[i]]
+        points[i, 2] = range_m[i] * up[ring[i]] + height_m[ring[i]]
+    return points

@@ -2,7 +2,7 @@
 
 street = first_light_street(seed)
 world = World(street)
-sweep = world.sweep(LidarModel(), street_from_sensor, rng)
+sweep = world.sweep(LidarModel(), Standing(street_from_sensor), 0.0, rng)
 image = world.render(CameraModel(), street_from_vehicle)
 """
 
@@ -16,8 +16,10 @@ import open3d as o3d
 from numpy.typing import NDArray
 
 from simulator.camera import CameraModel, expose
-from simulator.lidar import LidarModel, Sweep, measure
+from simulator.lidar import LidarModel, measure
+from simulator.motion import Motion
 from simulator.paint import Painter
+from simulator.readings import Sweep
 from simulator.scenery import Part, Surface, furnish
 from simulator.street import Street
 from simulator.terrain import Terrain
@@ -88,9 +90,11 @@ class World:
             ids[on_road[near][inside]] = placed.obstacle_id
         return ids
 
-    def sweep(self, lidar: LidarModel, street_from_sensor: FloatArray, rng: np.random.Generator) -> Sweep:
-        """One turn of the LiDAR from a (4, 4) pose, all rays at the same moment."""
-        return measure(self, lidar, street_from_sensor, rng)
+    def sweep(
+        self, lidar: LidarModel, motion: Motion, end_s: float, rng: np.random.Generator, ignored_mover: int = 0
+    ) -> Sweep:
+        """The turn of a moving LiDAR that ends at `end_s`; it does not see the vehicle that carries it."""
+        return measure(self, lidar, motion, end_s, rng, ignored_mover)
 
     def render(self, camera: CameraModel, street_from_vehicle: FloatArray, supersample: int = 1) -> NDArray[np.uint8]:
         """Picture (H, W, 3) uint8 BGR; each pixel is the mean of `supersample` x `supersample` rays."""

@@ -14,6 +14,7 @@ from typer.testing import CliRunner
 from headsup.detect_command import detect_files, output_names
 from simulator.lidar import LidarModel
 from simulator.mesh import pose
+from simulator.motion import Standing
 from simulator.street import first_light_street
 from simulator.world import World
 
@@ -26,7 +27,7 @@ def street_sweep() -> np.ndarray:
     """A sweep 6 m before a pothole of 0.9 x 0.7 x 0.12 m."""
     street = first_light_street(seed=3)
     at = pose(street.obstacle(1).x_m - 6.0, -1.75, 2.37)
-    return World(street).sweep(LidarModel(), at, np.random.default_rng(1)).points_m
+    return World(street).sweep(LidarModel(), Standing(at), 0.0, np.random.default_rng(1)).points_m
 
 
 def run(*arguments: str | Path) -> tuple[int, str]:
