@@ -1,140 +1,144 @@
-"""Shapes of the road itself, in metres over a local (x, y) grid: procedural potholes and bumps."""
+"""Potholes from parameters: outline, walls, floor, rim, water, repair."""
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import ndimage
+
+from simulator.hump import bump
+from simulator.outline import local_grid, noise, one_piece, outline_radius, smoothstep
+from simulator.relief import GRID_STEP_M, Material, Relief
+
+__all__ = ["GRID_STEP_M", "PotholeShape", "Relief", "bump", "pothole"]
 
 FloatArray = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
 
-GRID_STEP_M = 0.01
-"""Half of the road mesh's finest step, so that the mesh and not the shape limits the detail."""
+FLOOR_SHARE = 0.86
+"""Mean depth of a floor before its texture, as a share of the deepest place."""
+
+LIMITS = {
+    "length_m": (0.10, 3.0),
+    "width_m": (0.10, 3.0),
+    "depth_m": (0.01, 0.5),
+    "wall_m": (0.01, 1.0),
+    "outline_roughness": (0.0, 0.15),
+    "rim_roughness_m": (0.0, 0.02),
+    "rim_crest_m": (0.0, 0.03),
+    "water": (0.0, 1.0),
+}
+"""100 mm is the least diameter that ASTM D6433 counts as a pothole."""
 
 
 @dataclass(frozen=True, slots=True)
-class Relief:
-    """Height above (or, negative, below) the road around a centre, and the footprint that counts as obstacle.
+class PotholeShape:
+    """Parameters of a pothole; `relief(seed)` makes one. Sizes outside `LIMITS` are a `ValueError`.
 
-    `heights_m` (rows y, columns x) and `footprint` (the same shape) are sampled every `step_m`, the centre in the
-    middle; beyond the grid the road is undisturbed. `length_m` is the extent of the footprint along x, `width_m`
-    along y.
+    `length_m` x `width_m` is the box that the outline fills, the length along x; `wall_m` the width of the sloped
+    wall. `outline_roughness` is the relative standard deviation of the outline's radius, `rim_roughness_m` that of the
+    jagged edge, `rim_crest_m` the height to which broken asphalt stands up around it. `floor_texture` holds
+    (wavelength in metres, share of the depth) of each scale of roughness. Of several `lobes` the holes overlap and
+    share one outline. `water` is the share of the depth under water. A `repaired` hole is a patch within a centimetre
+    of the road's level: no hazard.
     """
 
-    heights_m: FloatArray
-    footprint: BoolArray
-    step_m: float
+    length_m: float
+    width_m: float
+    depth_m: float
+    wall_m: float = 0.10
+    outline_roughness: float = 0.07
+    rim_roughness_m: float = 0.0
+    rim_crest_m: float = 0.006
+    floor_texture: tuple[tuple[float, float], ...] = ((0.15, 0.10), (0.02, 0.05))
+    lobes: int = 1
+    water: float = 0.0
+    repaired: bool = False
 
-    @property
-    def length_m(self) -> float:
-        """Extent of the footprint along the local x."""
-        return int(np.ptp(np.flatnonzero(self.footprint.any(axis=0))) + 1) * self.step_m
+    def __post_init__(self) -> None:
+        for name, (low, high) in LIMITS.items():
+            value = getattr(self, name)
+            if not low <= value <= high:
+                raise ValueError(f"{name} of a pothole must be between {low} and {high}, not {value}")
+        if not 1 <= self.lobes <= 5:
+            raise ValueError(f"lobes of a pothole must be between 1 and 5, not {self.lobes}")
+        shares = [share for _, share in self.floor_texture]
+        if not all(0.01 <= wave <= 1 for wave, _ in self.floor_texture) or any(share < 0 for share in shares):
+            raise ValueError("floor_texture holds (wavelength of 0.01 to 1 m, share of the depth) of each scale")
+        # Noise is clipped at two standard deviations: the floor stays below the road.
+        if not sum(shares) <= FLOOR_SHARE / 2 - 0.03:
+            raise ValueError(f"the shares of floor_texture must add up to at most {FLOOR_SHARE / 2 - 0.03:.2f}")
 
-    @property
-    def width_m(self) -> float:
-        """Extent of the footprint along the local y."""
-        return int(np.ptp(np.flatnonzero(self.footprint.any(axis=1))) + 1) * self.step_m
+    @classmethod
+    def random(cls, seed: int) -> PotholeShape:
+        """A plausible hole that is no repair.
 
-    @property
-    def relief_m(self) -> float:
-        """Greatest depth below or height above the road inside the footprint, never negative."""
-        return float(np.abs(self.heights_m[self.footprint]).max())
+        Sizes spread over the classes of ASTM D6433 (mean diameter 100 to 750 mm, depth 13 to over 50 mm) from the
+        150 mm on that the LTPP distress manual (FHWA-HRT-13-092) counts; depths over the manual's moderate (25 mm)
+        and high (50 mm) classes, to the 150 mm of a thick bound layer. Walls of 30 to 45 degrees and more are those
+        of fresh holes, flat ones of worn holes.
+        """
+        rng = np.random.default_rng([seed, 1])
+        length = float(np.clip(rng.lognormal(math.log(0.55), 0.45), 0.20, 1.6))
+        width = max(length * float(rng.uniform(0.5, 1.0)), 0.15)
+        # Small holes have not had the time, or the room, to become deep.
+        depth = min(float(np.clip(rng.lognormal(math.log(0.065), 0.45), 0.025, 0.15)), width / 3)
+        return cls(
+            length_m=round(length, 3),
+            width_m=round(width, 3),
+            depth_m=round(depth, 3),
+            wall_m=round(float(rng.uniform(0.5, 2.0)) * depth, 3),
+            outline_roughness=round(float(rng.uniform(0.05, 0.11)), 3),
+            rim_roughness_m=round(float(rng.uniform(0.003, 0.010)), 4),
+            rim_crest_m=round(float(rng.uniform(0.002, 0.012)), 4),
+            floor_texture=(
+                (0.15, round(float(rng.uniform(0.05, 0.15)), 3)),
+                (0.05, round(float(rng.uniform(0.03, 0.10)), 3)),
+                (0.02, round(float(rng.uniform(0.02, 0.08)), 3)),
+            ),
+            lobes=int(rng.choice([1, 2, 3], p=[0.6, 0.28, 0.12])),
+            water=round(float(rng.uniform(0.3, 0.9)), 2) if rng.random() < 0.2 else 0.0,
+        )
 
-    @property
-    def footprint_area_m2(self) -> float:
-        """Area of the footprint."""
-        return float(np.count_nonzero(self.footprint)) * self.step_m**2
+    def relief(self, seed: int) -> Relief:
+        """The pothole of that seed: its deepest place is `depth_m` deep (a patch stays within a centimetre)."""
+        rng = np.random.default_rng(seed)
+        x_m, y_m = local_grid(self.length_m, self.width_m, margin=1.45)
+        rho = outline_radius(rng, x_m, y_m, self.length_m, self.width_m, self.outline_roughness, self.lobes)
+        inside_m = (1 - rho) * math.sqrt(self.length_m * self.width_m) / 2
+        if self.repaired:
+            return _patch(rng, inside_m)
+        return self._hole(rng, rho, inside_m).flooded(self.water)
 
-    @property
-    def volume_m3(self) -> float:
-        """Volume between the road and the surface inside the footprint, never negative."""
-        return abs(float(self.heights_m[self.footprint].sum())) * self.step_m**2
+    def _hole(self, rng: np.random.Generator, rho: FloatArray, inside_m: FloatArray) -> Relief:
+        slope = 1 + 0.35 * noise(rng, rho.shape, 0.12)
+        texture = sum(share * noise(rng, rho.shape, wave) for wave, share in self.floor_texture)
+        uneven_crest = 1 + 0.7 * noise(rng, rho.shape, 0.05)
+        inside_m = inside_m + self.rim_roughness_m * noise(rng, rho.shape, 0.08) * smoothstep((1.3 - rho) / 0.2)
+        footprint = one_piece(inside_m > 0)
+        hole_m = np.where(footprint, smoothstep(inside_m / self.wall_m * slope) * (FLOOR_SHARE + texture), 0.0)
+        hole_m *= self.depth_m / hole_m.max()
+        # Broken asphalt stands up within a hand's breadth of the edge.
+        crest_m = self.rim_crest_m * np.exp(-(((inside_m + 0.03) / 0.03) ** 2)) * uneven_crest
+        crest_m *= smoothstep((1.4 - rho) / 0.3)
+        return Relief(np.where(footprint, -hole_m, crest_m), footprint, GRID_STEP_M)
 
-    @property
-    def reach_m(self) -> float:
-        """Radius beyond which the road is undisturbed."""
-        rows, columns = self.heights_m.shape
-        return math.hypot(rows, columns) / 2 * self.step_m
-
-    def height_at(self, x_m: FloatArray, y_m: FloatArray) -> FloatArray:
-        """Bilinear height at local positions, 0 beyond the grid."""
-        heights: FloatArray = ndimage.map_coordinates(self.heights_m, self._indices(x_m, y_m), order=1, cval=0.0)
-        return heights
-
-    def covers(self, x_m: FloatArray, y_m: FloatArray) -> BoolArray:
-        """Whether local positions lie inside the footprint."""
-        inside: BoolArray = ndimage.map_coordinates(self.footprint, self._indices(x_m, y_m), order=0, cval=False)
-        return inside
-
-    def grown(self, area_factor: float) -> Relief:
-        """The same shape with `area_factor` times the footprint's area and the same relief."""
-        return replace(self, step_m=self.step_m * math.sqrt(area_factor))
-
-    def _indices(self, x_m: FloatArray, y_m: FloatArray) -> FloatArray:
-        rows, columns = self.heights_m.shape
-        return np.stack([y_m / self.step_m + (rows - 1) / 2, x_m / self.step_m + (columns - 1) / 2])
+    def parameters(self) -> dict[str, object]:
+        """Names and values, as a label file states them."""
+        return {field.name: getattr(self, field.name) for field in fields(self)}
 
 
 def pothole(seed: int, length_m: float, width_m: float, depth_m: float, wall_m: float = 0.10) -> Relief:
     """Hole with an irregular outline, sloped walls `wall_m` wide, a rough floor and a slightly raised, broken rim."""
-    rng = np.random.default_rng(seed)
-    x_m, y_m = _grid(length_m, width_m, margin=1.45)
-    rho = _outline_radius(rng, x_m, y_m, length_m, width_m)
-    inside_m = (1 - rho) * math.sqrt(length_m * width_m) / 2
-    wall = _smoothstep(inside_m / wall_m * (1 + 0.35 * _noise(rng, rho.shape, 0.12)))
-    floor = 0.86 + 0.10 * _noise(rng, rho.shape, 0.15) + 0.05 * _noise(rng, rho.shape, 0.02)
-    hole_m = wall * floor
-    hole_m *= depth_m / hole_m.max()
-    # Broken asphalt stands up to about a centimetre above the road within a hand's breadth of the edge.
-    crest_m = 0.006 * np.exp(-(((inside_m + 0.03) / 0.03) ** 2)) * (1 + 0.7 * _noise(rng, rho.shape, 0.05))
-    crest_m *= _smoothstep((1.4 - rho) / 0.3)
-    return Relief(crest_m * (rho >= 1) - hole_m, rho < 1, GRID_STEP_M)
+    return PotholeShape(length_m, width_m, depth_m, wall_m).relief(seed)
 
 
-def bump(seed: int, length_m: float, width_m: float, height_m: float) -> Relief:
-    """Smooth rise of the road itself, as over a tree's root."""
-    rng = np.random.default_rng(seed)
-    x_m, y_m = _grid(length_m, width_m, margin=1.1)
-    rho = _outline_radius(rng, x_m, y_m, length_m, width_m)
-    rise = _smoothstep((1 - rho) / 0.75) * (1 + 0.05 * _noise(rng, rho.shape, 0.10))
-    return Relief(height_m * rise / rise.max(), rho < 1, GRID_STEP_M)
-
-
-def _grid(length_m: float, width_m: float, margin: float) -> tuple[FloatArray, FloatArray]:
-    half = [math.ceil(margin * side / 2 / GRID_STEP_M) * GRID_STEP_M for side in (length_m, width_m)]
-    axes = [np.linspace(-h, h, round(2 * h / GRID_STEP_M) + 1) for h in half]
-    x_m, y_m = np.meshgrid(*axes)
-    return x_m, y_m
-
-
-def _outline_radius(
-    rng: np.random.Generator, x_m: FloatArray, y_m: FloatArray, length_m: float, width_m: float
-) -> FloatArray:
-    """1 on an irregular superellipse that just fills the box length x width about the origin, 0 in its middle."""
-    angles = np.linspace(0, 2 * math.pi, 720, endpoint=False)
-    exponent = rng.uniform(2.0, 2.8)
-    harmonics = np.arange(2, 9)
-    amplitudes = rng.normal(0, 0.07, harmonics.size) / np.sqrt(harmonics - 1)
-    phases = rng.uniform(0, 2 * math.pi, harmonics.size)
-    radii = (np.abs(np.cos(angles)) ** exponent + np.abs(np.sin(angles)) ** exponent) ** (-1 / exponent)
-    radii *= 1 + (amplitudes[:, None] * np.cos(harmonics[:, None] * angles + phases[:, None])).sum(axis=0)
-    outline = np.stack([radii * np.cos(angles), radii * np.sin(angles)])
-    low, high = outline.min(axis=1), outline.max(axis=1)
-    u = x_m / length_m * (high[0] - low[0]) + (high[0] + low[0]) / 2
-    v = y_m / width_m * (high[1] - low[1]) + (high[1] + low[1]) / 2
-    return np.asarray(np.hypot(u, v) / np.interp(np.arctan2(v, u), angles, radii, period=2 * math.pi))
-
-
-def _noise(rng: np.random.Generator, shape: tuple[int, ...], wavelength_m: float) -> FloatArray:
-    """Smooth noise of zero mean and unit standard deviation, clipped at two, with features of about `wavelength_m`."""
-    noise = ndimage.gaussian_filter(rng.standard_normal(shape), wavelength_m / GRID_STEP_M / 4, mode="wrap")
-    return np.asarray(np.clip((noise - noise.mean()) / noise.std(), -2, 2))
-
-
-def _smoothstep(t: FloatArray) -> FloatArray:
-    t = np.clip(t, 0, 1)
-    return np.asarray(t * t * (3 - 2 * t))
+def _patch(rng: np.random.Generator, inside_m: FloatArray) -> Relief:
+    """Hand-laid asphalt: a little proud or sunk, rolled, with a ragged overlap onto the old road."""
+    level_m = rng.uniform(-0.005, 0.007)
+    # The overlap of 4 cm keeps the seam closed.
+    share = smoothstep((inside_m + 0.04 + 0.01 * noise(rng, inside_m.shape, 0.06)) / 0.05)
+    heights = share * (level_m + 0.0012 * noise(rng, inside_m.shape, 0.04))
+    materials = np.where(share > 0.3, Material.PATCH, Material.ASPHALT).astype(np.uint8)
+    return Relief(heights, inside_m > 0, GRID_STEP_M, materials=materials)
