@@ -109,7 +109,8 @@ def _radiance(
     normal = hits.normal[seen] * np.where(facing > 0, np.float32(-1), np.float32(1))[:, None]
     point = origin_m + ray * distance[:, None]
     cosine = np.maximum(np.abs(facing), np.float32(0.04))
-    view = View(point, normal, ray, part, world.surfaces(hits)[seen], distance * np.float32(pixel_rad), cosine)
+    along = world.road_positions(hits)[seen]
+    view = View(point, along, normal, ray, part, world.surfaces(hits)[seen], distance * np.float32(pixel_rad), cosine)
     paint = painter.paint(view)
     lit = _lit(world, view)
     # Sky light comes from above, light that the ground throws back from below.

@@ -167,10 +167,10 @@ class _Path:
             pose(
                 x[i],
                 y[i],
-                float(street.crown_height(y[i])),
+                float(street.sound_height(x[i : i + 1], y[i : i + 1])[0]),
                 math.atan(slope[i]),
                 pitch[i],
-                roll[i] + math.atan(street.cross_slope(y[i])),
+                roll[i] + math.atan(float(street.main.cross_slope(x[i : i + 1], y[i : i + 1])[0])),
             )
             for i in range(count)
         ]

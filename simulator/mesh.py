@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,18 +14,22 @@ IndexArray = NDArray[np.int64]
 
 @dataclass(frozen=True, slots=True)
 class Mesh:
-    """Vertices (V, 3) in metres and triangles (T, 3) of vertex indices; both sides of a triangle are seen."""
+    """Vertices (V, 3) in metres and triangles (T, 3) of vertex indices; both sides of a triangle are seen.
+
+    What is drawn along a road carries distance s, offset t and height above the edge of its vertices, `road_m` (V, 3).
+    """
 
     vertices_m: FloatArray
     triangles: IndexArray
+    road_m: FloatArray | None = None
 
     def moved(self, a_from_b: FloatArray) -> Mesh:
         """The mesh of frame b in frame a, by a (4, 4) transform."""
-        return Mesh(self.vertices_m @ a_from_b[:3, :3].T + a_from_b[:3, 3], self.triangles)
+        return replace(self, vertices_m=self.vertices_m @ a_from_b[:3, :3].T + a_from_b[:3, 3])
 
     def scaled(self, x: float, y: float, z: float) -> Mesh:
         """The mesh stretched along its axes."""
-        return Mesh(self.vertices_m * np.array([x, y, z]), self.triangles)
+        return replace(self, vertices_m=self.vertices_m * np.array([x, y, z]))
 
 
 def pose(
@@ -44,18 +48,26 @@ def pose(
 
 
 def joined(meshes: list[Mesh]) -> Mesh:
-    """One mesh of several."""
+    """One mesh of several; it carries road positions if all do."""
     offsets = np.cumsum([0] + [len(mesh.vertices_m) for mesh in meshes[:-1]])
     triangles = [mesh.triangles + offset for mesh, offset in zip(meshes, offsets, strict=True)]
-    return Mesh(np.concatenate([mesh.vertices_m for mesh in meshes]), np.concatenate(triangles))
+    along = [mesh.road_m for mesh in meshes if mesh.road_m is not None]
+    road_m = np.concatenate(along) if len(along) == len(meshes) else None
+    return Mesh(np.concatenate([mesh.vertices_m for mesh in meshes]), np.concatenate(triangles), road_m)
 
 
-def grid(vertices_m: FloatArray) -> Mesh:
-    """Surface through a (rows, columns, 3) lattice of vertices, two triangles a cell."""
+def grid(vertices_m: FloatArray, road_m: FloatArray | None = None, cells: NDArray[np.bool_] | None = None) -> Mesh:
+    """Surface through a (rows, columns, 3) lattice of vertices, two triangles a cell.
+
+    `road_m` (rows, columns, 3) are positions along a road; only the chosen `cells` (rows - 1, columns - 1) are kept.
+    """
     rows, columns = vertices_m.shape[:2]
     index = np.arange(rows * columns).reshape(rows, columns)
-    a, b, c, d = index[:-1, :-1].ravel(), index[:-1, 1:].ravel(), index[1:, 1:].ravel(), index[1:, :-1].ravel()
-    return Mesh(vertices_m.reshape(-1, 3), np.concatenate([np.stack([a, b, c], 1), np.stack([a, c, d], 1)]))
+    a, b, c, d = (corner.ravel() for corner in (index[:-1, :-1], index[:-1, 1:], index[1:, 1:], index[1:, :-1]))
+    if cells is not None:
+        a, b, c, d = (corner[cells.ravel()] for corner in (a, b, c, d))
+    triangles = np.concatenate([np.stack([a, b, c], 1), np.stack([a, c, d], 1)])
+    return Mesh(vertices_m.reshape(-1, 3), triangles, None if road_m is None else road_m.reshape(-1, 3))
 
 
 def extruded(profile_yz_m: FloatArray, xs_m: FloatArray) -> Mesh:

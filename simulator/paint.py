@@ -22,12 +22,13 @@ class Painter:
 
     def __init__(self, street: Street, parts: list[Part]) -> None:
         self._asphalt = AsphaltPaint(street)
+        self._road = np.array([part.road for part in parts])
         self._stone = StonePaint(street.seed)
         self._colours = np.array([part.colour for part in parts], dtype=np.float32)
         self._part_from_street = np.linalg.inv([part.street_from_part for part in parts]).astype(np.float32)
         stone = self._stone
         self._painters: dict[int, Callable[[View], Paint]] = {
-            Surface.ROAD: self._asphalt.paint,
+            Surface.ROAD: lambda view: self._asphalt.paint(view, self._road[view.part]),
             Surface.KERB: stone.kerb,
             Surface.PAVEMENT: stone.pavement,
             Surface.GROUND: stone.ground,

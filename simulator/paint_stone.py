@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from simulator.scenery import WALL_HEIGHT_M, WALL_Y_M
+from simulator.roadside import WALL_HEIGHT_M
 from simulator.texture import Texture, fractal_noise
 from simulator.view import Paint, View, blend, cell_value, repeated, rgb, stripe
 
@@ -33,15 +33,15 @@ class StonePaint:
 
     def kerb(self, view: View) -> Paint:
         """Concrete stones, one metre each, dirty near the gutter."""
-        x, y, z = view.point_m.T
+        x, y, z = view.road_m.T
         joint = stripe(repeated(x, KERB_STONE_M), 0.006, view.pixel_m / view.cosine)
         tone = 1 + self._noise(x, y + z, view) + 0.12 * (cell_value(np.floor(x), np.sign(y)) - 0.5)
-        dirt = np.clip((0.035 - z) / 0.10, 0, 1) * 0.45
+        dirt = np.clip((0.10 - z) / 0.10, 0, 1) * 0.45
         return Paint.matt(CONCRETE * (tone * (1 - 0.6 * joint) * (1 - dirt))[:, None], 1 - 0.6 * dirt)
 
     def pavement(self, view: View) -> Paint:
         """Square slabs in running bond, each with its own shade."""
-        x, y, _ = view.point_m.T
+        x, y, _ = view.road_m.T
         row = np.floor(y / SLAB_M)
         shifted = x + row * np.float32(SLAB_M / 2)
         along = view.pixel_m / view.cosine
@@ -55,7 +55,7 @@ class StonePaint:
 
     def wall(self, view: View) -> Paint:
         """Bricks in running bond below a concrete coping, damp at the foot."""
-        x, y, z = view.point_m.T
+        x, y, z = view.road_m.T
         row = np.floor(z / BRICK_HEIGHT_M)
         shifted = x + row * np.float32(BRICK_LENGTH_M / 2)
         along = view.pixel_m / view.cosine
@@ -66,7 +66,7 @@ class StonePaint:
         shade = (0.5 * cell_value(row, np.floor(shifted / BRICK_LENGTH_M)) - 0.25) * np.clip(0.10 / along, 0, 1)
         noise = self._noise(x, z, view)
         colour = blend(BRICK * np.maximum(1 + shade + noise, 0.3)[:, None], MORTAR, joint)
-        coping = (z > WALL_HEIGHT_M - 0.002) | (y > WALL_Y_M + 0.02)
+        coping = z > WALL_HEIGHT_M - 0.002
         seams = 1 - 0.5 * stripe(repeated(x, 0.9), 0.006, along)
         colour = np.where(coping[:, None], COPING * ((1 + noise) * seams)[:, None], colour)
         damp = np.clip(0.55 - z * 1.6, 0, 0.4)

@@ -1,7 +1,7 @@
-"""A street as a frozen description: where it lies on the earth, its section, what stands beside it, its obstacles.
+"""A street as a frozen description: where it lies on the earth, its roads, what stands beside them, its obstacles.
 
-Frame `street`: x along the road, y left, z up, the crown of the road at y = 0, z = 0. Traffic drives on the right, so
-that the ego lane is y < 0.
+Frame `street`: Cartesian, z up; a straight street runs along x with its crown at y = 0, z = 0. Traffic drives on the
+right, so that its ego lane is y < 0.
 """
 
 from __future__ import annotations
@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from enum import Enum, IntEnum
 
 import numpy as np
 import pymap3d
@@ -18,8 +19,12 @@ from contract.geometry import Kind, LatLon
 from simulator.debris import Debris, broken_pallet
 from simulator.mesh import pose
 from simulator.pothole import Relief, bump, pothole
+from simulator.road import Road, straight_road
 
 FloatArray = NDArray[np.float64]
+
+DRAWN_BEYOND_M = 160.0
+"""Roads go on beyond the part that is driven: farther than a LiDAR's 120 m, and lost in the haze."""
 
 LANE_CENTRE_M = -1.75
 """Middle of the right lane of a road 7 m wide."""
@@ -71,9 +76,7 @@ class PlacedObstacle:
 
     def local(self, x_m: FloatArray, y_m: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Positions of the street in the obstacle's own frame."""
-        cos, sin = math.cos(self.yaw_rad), math.sin(self.yaw_rad)
-        dx, dy = x_m - self.x_m, y_m - self.y_m
-        return cos * dx + sin * dy, cos * dy - sin * dx
+        return _local(self, x_m, y_m)
 
     def covers(self, x_m: FloatArray, y_m: FloatArray) -> NDArray[np.bool_]:
         """Whether positions of the street lie inside the footprint, filled or not."""
@@ -92,27 +95,79 @@ class ParkedCar:
     colour: tuple[float, float, float]
 
 
-@dataclass(frozen=True, slots=True)
-class Street:
-    """A straight street with a crowned road, kerbs and pavements on both sides, a wall on the right, houses left.
+class Feature(IntEnum):
+    """What a road carries besides damage; a detector must stay silent over all of them."""
 
-    `yaw_rad` turns the street counter-clockwise from east; its origin lies at `origin_enu_m`.
+    PATCH = 1
+    MANHOLE = 2
+    JOINT = 3
+
+
+class Roughness(Enum):
+    """Road classes of ISO 8608, table C.1, by the geometric mean of their spectral density Gd(n0), m^3.
+
+    n0 = 0.1 cycles per metre; the density falls as n^-2.
+    """
+
+    A = 16e-6
+    B = 64e-6
+    C = 256e-6
+
+
+class Roadside(Enum):
+    """What stands along one side of the main road."""
+
+    HOUSES = "houses"
+    WALL = "wall"
+    TREES = "trees"
+    MIXED = "mixed"
+
+
+@dataclass(frozen=True, slots=True)
+class PlacedFeature:
+    """Something of the road that is no obstacle: `shape` about (x, y), turned by `yaw_rad` from the street's x."""
+
+    kind: Feature
+    x_m: float
+    y_m: float
+    yaw_rad: float
+    shape: Relief
+
+    def local(self, x_m: FloatArray, y_m: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Positions of the street in the feature's own frame."""
+        return _local(self, x_m, y_m)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Street:
+    """Roads in one flat frame, what is worn into them, what lies on them, what stands beside them.
+
+    The first road is the main one. `yaw_rad` turns the frame counter-clockwise from east; its origin lies at
+    `origin_enu_m`.
     """
 
     seed: int
     obstacles: tuple[PlacedObstacle, ...] = ()
     parked_cars: tuple[ParkedCar, ...] = ()
-    length_m: float = 320.0
-    road_width_m: float = 7.0
-    crown_slope: float = 0.02
-    kerb_height_m: float = 0.12
-    pavement_width_m: float = 2.0
-    roughness_sd_m: float = 0.003
+    features: tuple[PlacedFeature, ...] = ()
+    roads: tuple[Road, ...] = field(default_factory=lambda: (straight_road(320.0, DRAWN_BEYOND_M),))
+    roadsides: tuple[Roadside, ...] = (Roadside.HOUSES, Roadside.WALL)
+    roughness: Roughness = Roughness.A
     yaw_rad: float = math.radians(35.0)
     origin_enu_m: tuple[float, float, float] = (12.0, -7.5, 0.4)
     georeference: GeoReference = field(
         default=GeoReference(LatLon(latitude_deg=38.2466, longitude_deg=21.7346), altitude_m=60.0)
     )
+
+    @property
+    def main(self) -> Road:
+        """The road that vehicles drive along."""
+        return self.roads[0]
+
+    @property
+    def length_m(self) -> float:
+        """Of the main road, without what is drawn beyond both ends."""
+        return self.main.line.end_m - DRAWN_BEYOND_M
 
     @property
     def enu_from_street(self) -> FloatArray:
@@ -123,23 +178,35 @@ class Street:
         """The obstacle of that number; `KeyError` if there is none."""
         return {placed.obstacle_id: placed for placed in self.obstacles}[obstacle_id]
 
-    def crown_height(self, y_m: FloatArray) -> FloatArray:
-        """Height of the sound, smooth road: it falls to both sides, rounded over the middle half metre."""
-        return -self.crown_slope * (np.sqrt(np.square(y_m) + 0.25**2) - 0.25)
-
-    def cross_slope(self, y_m: float) -> float:
-        """Derivative of the sound road's height by y."""
-        return -self.crown_slope * y_m / math.hypot(y_m, 0.25)
+    def sound_height(self, x_m: FloatArray, y_m: FloatArray) -> FloatArray:
+        """Height (N,) of the smooth, sound road under positions (N,), of the nearest road off all of them."""
+        xy = np.stack([x_m, y_m], axis=1)
+        height, nearest = np.zeros(len(xy)), np.full(len(xy), np.inf)
+        for road in self.roads:
+            s, t = road.line.project(xy)
+            edge = road.half_width(s)
+            outside = np.maximum(np.abs(t) - edge, 0)
+            better = outside < nearest
+            if better.any():
+                clipped = np.clip(t[better], -edge[better], edge[better])
+                height[better], nearest[better] = road.height(s[better], clipped), outside[better]
+        return height
 
     def enu_of(self, obstacle_id: int) -> FloatArray:
         """(3,) east, north, up of the centre of an obstacle at the height of the sound road."""
         placed = self.obstacle(obstacle_id)
-        centre = np.array([placed.x_m, placed.y_m, float(self.crown_height(np.array(placed.y_m))), 1.0])
-        return np.asarray((self.enu_from_street @ centre)[:3])
+        z = float(self.sound_height(np.array([placed.x_m]), np.array([placed.y_m]))[0])
+        return np.asarray((self.enu_from_street @ np.array([placed.x_m, placed.y_m, z, 1.0]))[:3])
 
     def position_of(self, obstacle_id: int) -> LatLon:
         """WGS 84 position of the centre of an obstacle."""
         return self.georeference.geodetic_from_enu(self.enu_of(obstacle_id))[0]
+
+
+def _local(placed: PlacedObstacle | PlacedFeature, x_m: FloatArray, y_m: FloatArray) -> tuple[FloatArray, FloatArray]:
+    cos, sin = math.cos(placed.yaw_rad), math.sin(placed.yaw_rad)
+    dx, dy = x_m - placed.x_m, y_m - placed.y_m
+    return cos * dx + sin * dy, cos * dy - sin * dx
 
 
 def grow(street: Street, obstacle_id: int, area_factor: float) -> Street:

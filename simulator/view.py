@@ -15,10 +15,12 @@ class View:
     """N hits as the camera sees them, frame `street`.
 
     `point_m`, unit `normal` towards the camera, unit `ray` (all (N, 3)); `part` and `surface` (N,); `pixel_m` is the
-    width of a pixel there across the ray, `cosine` that of the angle between ray and normal.
+    width of a pixel there across the ray, `cosine` that of the angle between ray and normal. `road_m` (N, 3) is the
+    distance along a road, the offset from it and the height above its edge, where the surface is drawn along one.
     """
 
     point_m: Float32Array
+    road_m: Float32Array
     normal: Float32Array
     ray: Float32Array
     part: NDArray[np.int32]
@@ -30,6 +32,7 @@ class View:
         """Some of the hits."""
         return View(
             self.point_m[chosen],
+            self.road_m[chosen],
             self.normal[chosen],
             self.ray[chosen],
             self.part[chosen],

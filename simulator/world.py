@@ -16,11 +16,12 @@ import open3d as o3d
 from numpy.typing import NDArray
 
 from simulator.camera import CameraModel, expose
+from simulator.furnish import furnish
 from simulator.lidar import LidarModel, measure
 from simulator.motion import Motion
 from simulator.paint import Painter
 from simulator.readings import Sweep
-from simulator.scenery import Part, Surface, furnish
+from simulator.scenery import Part, Surface
 from simulator.street import Street
 from simulator.terrain import Terrain
 
@@ -32,13 +33,16 @@ Float32Array = NDArray[np.float32]
 class Hits:
     """Where N rays ended: distance in units of the ray's direction (inf: nowhere), part index (-1), unit normal.
 
-    `mover` is the number of the moving thing that was hit, 0 for what stands still.
+    `mover` is the number of the moving thing that was hit, 0 for what stands still; `triangle` and `uv` (N, 2) say
+    where in the part: at (1 - u - v) a + u b + v c.
     """
 
     distance: Float32Array
     part: NDArray[np.int32]
     normal: Float32Array
     mover: NDArray[np.int32]
+    triangle: NDArray[np.uint32]
+    uv: Float32Array
 
 
 class World:
@@ -47,7 +51,11 @@ class World:
     def __init__(self, street: Street) -> None:
         self.street = street
         self.terrain = Terrain(street)
-        self.parts = [Part(Surface.ROAD, self.terrain.mesh()), *furnish(self.terrain)]
+        carriageways = [
+            Part(Surface.ROAD, self.terrain.mesh(road), road=index) for index, road in enumerate(street.roads)
+        ]
+        self.parts = [*carriageways, *furnish(self.terrain)]
+        self._road_corners = _RoadCorners(self.parts)
         self._surface_of_part = np.array([part.surface for part in self.parts] + [Surface.NOTHING], dtype=np.uint8)
         self._obstacle_of_part = np.array([part.obstacle_id for part in self.parts] + [0], dtype=np.int32)
         self._scene = o3d.t.geometry.RaycastingScene()
@@ -68,7 +76,14 @@ class World:
         part = answer["geometry_ids"].numpy().astype(np.int32)
         part[part >= len(self.parts)] = -1
         mover = np.zeros(len(part), dtype=np.int32)
-        return Hits(answer["t_hit"].numpy(), part, answer["primitive_normals"].numpy(), mover)
+        return Hits(
+            distance=answer["t_hit"].numpy(),
+            part=part,
+            normal=answer["primitive_normals"].numpy(),
+            mover=mover,
+            triangle=answer["primitive_ids"].numpy(),
+            uv=answer["primitive_uvs"].numpy(),
+        )
 
     def reaches(self, points_m: Float32Array, direction: Float32Array) -> NDArray[np.bool_]:
         """Whether the way from each point (N, 3) along one direction is free."""
@@ -78,6 +93,10 @@ class World:
     def surfaces(self, hits: Hits) -> NDArray[np.uint8]:
         """`Surface` of each hit."""
         return self._surface_of_part[hits.part]
+
+    def road_positions(self, hits: Hits) -> Float32Array:
+        """Distance s, offset t and height above the edge (N, 3) of hits on what is drawn along a road, else 0."""
+        return self._road_corners.at(hits)
 
     def obstacle_ids(self, hits: Hits, points_m: FloatArray) -> NDArray[np.int32]:
         """Number of the obstacle that each hit lies on, 0 for none: things by mesh, reliefs by footprint."""
@@ -99,6 +118,27 @@ class World:
     def render(self, camera: CameraModel, street_from_vehicle: FloatArray, supersample: int = 1) -> NDArray[np.uint8]:
         """Picture (H, W, 3) uint8 BGR; each pixel is the mean of `supersample` x `supersample` rays."""
         return expose(self, self._painter, camera, street_from_vehicle @ camera.vehicle_from_camera, supersample)
+
+
+class _RoadCorners:
+    """Road positions of the corners of every triangle that has them, to interpolate between."""
+
+    def __init__(self, parts: list[Part]) -> None:
+        corners = [np.zeros((1, 3, 3), np.float32)]
+        self._first = np.full(len(parts) + 1, -1)
+        count = 1
+        for index, part in enumerate(parts):
+            if part.mesh.road_m is not None:
+                self._first[index] = count
+                corners.append(part.mesh.road_m[part.mesh.triangles].astype(np.float32))
+                count += len(part.mesh.triangles)
+        self._corners = np.concatenate(corners)
+
+    def at(self, hits: Hits) -> Float32Array:
+        first = self._first[hits.part]
+        corners = self._corners[np.where(first < 0, 0, first + hits.triangle.astype(np.int64))]
+        u, v = hits.uv.T[..., None]
+        return np.asarray(corners[:, 0] * (1 - u - v) + corners[:, 1] * u + corners[:, 2] * v)
 
 
 def _add(scene: o3d.t.geometry.RaycastingScene, part: Part) -> None:

@@ -54,8 +54,8 @@ def clouds(street: Street, first: DriveRecord, second: DriveRecord) -> str:
 
 
 def _draw_street(axes: Axes, street: Street, obstacles: ObstacleCollection) -> None:
-    half = street.road_width_m / 2
-    outer = half + street.pavement_width_m
+    half = street.main.section.half_width_m
+    outer = half + street.main.section.pavement_width_m
     axes.add_patch(Rectangle((0, -outer), street.length_m, 2 * outer, color="#eef0f2"))
     axes.add_patch(Rectangle((0, -half), street.length_m, 2 * half, color=ROAD))
     axes.plot([0, street.length_m], [0, 0], color="white", lw=1.2, dashes=(8, 6))

@@ -50,7 +50,7 @@ def test_the_pothole_is_labelled_where_it_is_and_lies_below_the_road(world: Worl
     labelled = sweep.obstacle_id == 1
     assert labelled.sum() > 20
     assert hole.covers(points[labelled, 0], points[labelled, 1]).mean() > 0.97
-    height = points[:, 2] - world.street.crown_height(points[:, 1])
+    height = points[:, 2] - world.street.sound_height(points[:, 0].astype(float), points[:, 1].astype(float))
     assert (height[labelled] < 0.015).all()
     assert height[labelled].min() < -0.5 * hole.shape.relief_m
     road = (sweep.surface == Surface.ROAD) & (sweep.obstacle_id == 0)
@@ -62,7 +62,7 @@ def test_bump_and_debris_are_labelled_above_the_road(world: World) -> None:
         at = pose(x, -1.75, 2.36)
         sweep = world.sweep(EXACT, Standing(at), 0.0, np.random.default_rng(1))
         points = sweep.points_m[sweep.obstacle_id == number] + at[:3, 3]
-        height = points[:, 2] - world.street.crown_height(points[:, 1])
+        height = points[:, 2] - world.street.sound_height(points[:, 0].astype(float), points[:, 1].astype(float))
         assert len(points) > 10
         assert height.max() > 0.6 * world.street.obstacle(number).shape.relief_m
         assert height.min() > -0.01
@@ -72,7 +72,7 @@ def test_points_on_the_road_see_its_crown(world: World) -> None:
     sweep = world.sweep(EXACT, Standing(STREET_FROM_SENSOR), 0.0, np.random.default_rng(1))
     points = in_street(sweep.points_m)[(sweep.surface == Surface.ROAD) & (sweep.obstacle_id == 0)]
     slope = np.polyfit(np.abs(points[:, 1]), points[:, 2], 1)[0]
-    assert slope == pytest.approx(-world.street.crown_slope, abs=0.002)
+    assert slope == pytest.approx(-world.street.main.section.crown_slope, abs=0.002)
 
 
 def test_the_range_noise_is_as_wide_as_stated(world: World) -> None:
@@ -103,7 +103,12 @@ def test_a_filled_pothole_has_no_label_and_no_depth(world: World) -> None:
         points = sweep.points_m @ at[:3, :3].T + at[:3, 3]
         there = street.obstacle(number).covers(*points[:, :2].T) & (points[:, 2] < 1.0)
         assert there.sum() > 10
-        assert np.abs(points[there, 2] - street.crown_height(points[there, 1])).max() < 0.02
+        assert (
+            np.abs(
+                points[there, 2] - street.sound_height(points[there, 0].astype(float), points[there, 1].astype(float))
+            ).max()
+            < 0.02
+        )
 
 
 def test_a_street_without_obstacles_can_be_scanned() -> None:

@@ -1,0 +1,151 @@
+"""A road: a centreline with a cross-section, and where other roads join it."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from simulator.centreline import Centreline, straight
+
+FloatArray = NDArray[np.float64]
+
+CROWN_ROUNDING_M = 0.25
+"""The crown is rounded over the middle half metre: a paver leaves no edge."""
+
+BANK_PER_CURVATURE_M, STEEPEST_BANK = 2.5, 0.04
+"""Curves lean inwards, 2.5 % at 100 m radius, at most 4 % (in towns ice and crossings forbid more)."""
+
+OVERLAP_M = 0.3
+"""A side road begins this far inside the road it joins, so that no gap shows where the edge is curved."""
+
+MOUTH_BLEND_M = 8.0
+"""Over this length a side road's surface leaves that of the road it joins."""
+
+
+@dataclass(frozen=True, slots=True)
+class Section:
+    """Cross-section: lanes from right to left with their directions (1 drives along s, -1 against), and borders.
+
+    `crown_slope` falls from the middle to both sides; 0 for roads whose map already holds their cross fall.
+    """
+
+    lanes: tuple[int, ...] = (1, -1)
+    lane_width_m: float = 3.5
+    crown_slope: float = 0.02
+    kerb_height_m: float = 0.12
+    pavement_width_m: float = 2.0
+
+    @property
+    def half_width_m(self) -> float:
+        """Half of the carriageway."""
+        return len(self.lanes) * self.lane_width_m / 2
+
+    def lane_offset_m(self, lane: int) -> float:
+        """Middle of a lane, to the left of the centreline."""
+        return (lane + 0.5) * self.lane_width_m - self.half_width_m
+
+
+@dataclass(frozen=True, slots=True)
+class Opening:
+    """Where the borders of a road are interrupted: `side` is 1 left, -1 right."""
+
+    start_m: float
+    end_m: float
+    side: int
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Road:
+    """A road through the frame `street`.
+
+    `joins` is the road whose edge this one begins at, with kerbs rounded by `mouth_radius_m`. `widths_m` (K, 2), if
+    given, are (s, half width) pairs that replace the section's width. `bordered` roads have kerbs and pavements.
+    """
+
+    line: Centreline
+    section: Section = field(default_factory=Section)
+    openings: tuple[Opening, ...] = ()
+    joins: Road | None = None
+    mouth_radius_m: float = 6.0
+    widths_m: FloatArray | None = None
+    bordered: bool = True
+    marked: bool = True
+
+    def half_width(self, s_m: FloatArray) -> FloatArray:
+        """Half of the carriageway at distances (N,), wider where the mouth opens."""
+        if self.widths_m is not None:
+            return np.interp(s_m, self.widths_m[:, 0], self.widths_m[:, 1])
+        width = np.full(np.shape(s_m), self.section.half_width_m)
+        if self.joins is not None:
+            radius = self.mouth_radius_m
+            inside = np.clip(radius - (np.asarray(s_m) - self.line.start_m - OVERLAP_M), 0, radius)
+            width += radius - np.sqrt(radius**2 - inside**2)
+        return width
+
+    def height(self, s_m: FloatArray, t_m: FloatArray) -> FloatArray:
+        """Height of the sound, smooth road (N,) at distances s and offsets t."""
+        stations = self.line.at(s_m)
+        own = stations.position_m[:, 2] + self._crown(t_m) + self._bank(stations.curvature_per_m) * t_m
+        if self.joins is None:
+            return np.asarray(own)
+        reach = np.clip((s_m - self.line.start_m) / MOUTH_BLEND_M, 0, 1)
+        share = reach * reach * (3 - 2 * reach)
+        return np.asarray((1 - share) * self._height_of_joined(s_m, t_m) + share * own)
+
+    def cross_slope(self, s_m: FloatArray, t_m: FloatArray) -> FloatArray:
+        """Derivative of the height by t (N,)."""
+        step_m = 0.05
+        return (self.height(s_m, t_m + step_m) - self.height(s_m, t_m - step_m)) / (2 * step_m)
+
+    def holds(self, s_m: FloatArray, t_m: FloatArray) -> NDArray[np.bool_]:
+        """Whether (s, t) (N,) lie on the carriageway."""
+        inside = (s_m > self.line.start_m) & (s_m < self.line.end_m)
+        return np.asarray(inside & (np.abs(t_m) <= self.half_width(s_m)))
+
+    def opened(self, *openings: Opening) -> Road:
+        """The road with more openings in its borders."""
+        return replace(self, openings=(*self.openings, *openings))
+
+    def _crown(self, t_m: FloatArray) -> FloatArray:
+        return -self.section.crown_slope * (np.sqrt(np.square(t_m) + CROWN_ROUNDING_M**2) - CROWN_ROUNDING_M)
+
+    def _bank(self, curvature_per_m: FloatArray) -> FloatArray:
+        # In a left curve (positive) the right side, t < 0, is the outer one and lies higher.
+        if not self.section.crown_slope:
+            return np.zeros_like(curvature_per_m)
+        return -np.clip(BANK_PER_CURVATURE_M * curvature_per_m, -STEEPEST_BANK, STEEPEST_BANK)
+
+    def _height_of_joined(self, s_m: FloatArray, t_m: FloatArray) -> FloatArray:
+        """The joined road's surface, drawn on beyond its edge at the edge's height."""
+        assert self.joins is not None
+        s, t = self.joins.line.project(self.line.plan(s_m, t_m))
+        edge = self.joins.half_width(s)
+        return self.joins.height(s, np.clip(t, -edge, edge))
+
+
+def straight_road(length_m: float, beyond_m: float, section: Section | None = None) -> Road:
+    """A level road along x from `-beyond_m` to `length_m + beyond_m`."""
+    return Road(straight(-beyond_m, length_m + beyond_m), section or Section())
+
+
+def side_road(
+    main: Road, s_m: float, side: int, angle_rad: float, length_m: float, grade: float, section: Section
+) -> tuple[Road, Road]:
+    """`main` with an opening, and the straight road that leaves it at s to `side`, turned by `angle_rad` from square.
+
+    It climbs by `grade` after its mouth.
+    """
+    edge = float(main.half_width(np.array([s_m]))[0])
+    here = main.line.at(np.array([s_m]))
+    start = main.line.plan(np.array([s_m]), np.array([side * (edge - OVERLAP_M)]))[0]
+    heading = float(here.heading_rad[0]) + side * (math.pi / 2) + angle_rad
+    z = float(main.height(np.array([s_m]), np.array([side * edge]))[0]) + 0.02
+    s = np.arange(0.0, length_m + 1, 2.0)
+    climb = grade * np.maximum(s - MOUTH_BLEND_M, 0)
+    points = np.stack([start[0] + s * math.cos(heading), start[1] + s * math.sin(heading), z + climb], axis=1)
+    road = Road(Centreline(s, points), section, joins=main)
+    half_gap = (section.half_width_m + road.mouth_radius_m) / math.cos(angle_rad)
+    return main.opened(Opening(s_m - half_gap, s_m + half_gap, side)), road
