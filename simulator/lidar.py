@@ -84,7 +84,7 @@ def azimuths(lidar: LidarModel, phase: float) -> FloatArray:
 
     The turn begins and ends behind the sensor; `phase` in [0, 1) shifts the grid by that part of a column.
     """
-    turned: FloatArray = (np.arange(lidar.columns) + phase) * (2 * math.pi / lidar.columns)
+    turned: FloatArray = np.multiply(np.arange(lidar.columns) + phase, 2 * math.pi / lidar.columns)
     return math.pi - turned if lidar.clockwise else turned - math.pi
 
 
