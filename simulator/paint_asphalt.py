@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simulator.paint_feature import paint_feature
+from simulator.paint_relief import mirrored_sky, paint_relief
 from simulator.pothole import Relief
 from simulator.road import Road, Section
 from simulator.street import PlacedObstacle, Street
@@ -15,7 +16,7 @@ from simulator.view import Paint, View, blend, repeated, rgb, step, stripe
 Float32Array = NDArray[np.float32]
 
 ASPHALT, FRESH_ASPHALT = rgb(0.088, 0.088, 0.088), rgb(0.040, 0.040, 0.043)
-GRAVEL, DUST, WHITE = rgb(0.060, 0.050, 0.040), rgb(0.20, 0.17, 0.13), rgb(0.62, 0.61, 0.57)
+DUST, WHITE = rgb(0.20, 0.17, 0.13), rgb(0.62, 0.61, 0.57)
 
 GRAIN_M, MOTTLE_M, PATCH_M = 0.004, 0.03, 0.35
 """Texel sizes: aggregate of asphalt concrete, its mottling, and stains."""
@@ -157,33 +158,20 @@ def _paint_obstacle(
     colour: Float32Array,
     openness: Float32Array,
 ) -> None:
-    """Overwrite the colours around one relief: a patch if filled, broken asphalt in a hole, cracks on a bump."""
+    """Overwrite the colours around one relief: a patch if filled, else what it is made of."""
     reach = relief.reach_m * 1.15
     x, y = view.point_m[:, 0], view.point_m[:, 1]
     near = np.flatnonzero((np.abs(x - placed.x_m) < reach) & (np.abs(y - placed.y_m) < reach))
     if not near.size:
         return
     u, v = placed.local(x[near].astype(np.float64), y[near].astype(np.float64))
-    mix = grain[near] * np.float32(1.0)
     if placed.filled:
         margin = np.minimum(relief.length_m * 0.58 - np.abs(u), relief.width_m * 0.60 - np.abs(v)).astype(np.float32)
-        patch = FRESH_ASPHALT * (1 + 0.18 * mix)[:, None]
+        patch = FRESH_ASPHALT * (1 + 0.18 * grain[near])[:, None]
         colour[near] = blend(colour[near], patch, step(margin, 0.0, view.pixel_m[near]))
         colour[near] *= 1 - 0.6 * stripe(margin, 0.02, view.pixel_m[near])[:, None]
         return
-    height = (relief.height_at(u, v) / relief.relief_m).astype(np.float32)
-    if height.min() < -0.2:
-        deep = np.clip(-height, 0, 1)
-        broken = np.maximum(1 + 0.45 * mix + 0.30 * mottle[near], 0.25)[:, None]
-        wall = blend(ASPHALT * np.float32(0.5), GRAVEL, np.clip(deep * 2.2 - 0.9, 0, 1)) * broken
-        colour[near] = blend(colour[near], wall, np.clip(deep * 14, 0, 1))
-        openness[near] = 1 - 0.80 * deep
-        dusty = relief.covers(u / 1.22, v / 1.22) & (deep < 0.05)
-        colour[near] = blend(
-            colour[near], DUST, (dusty * np.clip(0.28 + 0.22 * mottle[near], 0, 0.5)).astype(np.float32)
-        )
-    else:
-        web = np.abs(np.sin(7 * np.arctan2(v, u) + 2.5 * mottle[near])) < 0.16
-        cracked = (web & (height > 0.15) & (height < 0.9)).astype(np.float32)
-        worn = 1 + 0.18 * np.clip(2 * height, 0, 1)
-        colour[near] *= (worn - 0.45 * cracked * np.clip(0.02 / view.pixel_m[near], 0, 1))[:, None]
+    own, seen_sky = colour[near], openness[near]
+    water = paint_relief(relief, u, v, grain[near], mottle[near], own, seen_sky)
+    own[water] += mirrored_sky(view.only(near[water]))
+    colour[near], openness[near] = own, seen_sky

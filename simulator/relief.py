@@ -22,13 +22,14 @@ GRAVEL_SD_M = 0.003
 
 
 class Material(IntEnum):
-    """What a place of a relief is made of."""
+    """What a place on the road is made of."""
 
     ASPHALT = 0
     BROKEN = 1
     GRAVEL = 2
     WATER = 3
     PATCH = 4
+    DEBRIS = 5
 
 
 @dataclass(frozen=True, slots=True)
