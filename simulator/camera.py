@@ -10,7 +10,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simulator.paint import Painter
-from simulator.sky import HAZE, SKY_LIGHT, SUN_DIRECTION, SUN_LIGHT, sky_colour
 from simulator.view import View
 
 if TYPE_CHECKING:
@@ -61,13 +60,20 @@ class CameraModel:
         )
 
 
-def expose(
-    world: World, painter: Painter, camera: CameraModel, street_from_camera: FloatArray, supersample: int
-) -> NDArray[np.uint8]:
+@dataclass(frozen=True, slots=True)
+class Shot:
+    """From where, `street_from_camera` (4, 4), and when a picture is taken, and the vehicle that carries the camera."""
+
+    street_from_camera: FloatArray
+    time_s: float = 0.0
+    ignored_mover: int = 0
+
+
+def expose(world: World, painter: Painter, camera: CameraModel, shot: Shot, supersample: int) -> NDArray[np.uint8]:
     """Picture (H, W, 3) uint8 BGR, computed in bands of rows."""
     band_rows = max(1, RAYS_AT_ONCE // (camera.width_px * supersample**2))
     bands = [
-        _band(world, painter, camera, street_from_camera, supersample, row, min(row + band_rows, camera.height_px))
+        _band(world, painter, camera, shot, supersample, row, min(row + band_rows, camera.height_px))
         for row in range(0, camera.height_px, band_rows)
     ]
     return _developed(np.concatenate(bands))
@@ -77,56 +83,73 @@ def _band(
     world: World,
     painter: Painter,
     camera: CameraModel,
-    street_from_camera: FloatArray,
+    shot: Shot,
     supersample: int,
     first_row: int,
     end_row: int,
 ) -> Float32Array:
     """Linear RGB (rows, W, 3) of some rows."""
+    rays = _rays(camera, shot, supersample, first_row, end_row)
+    light = _radiance(world, painter, shot, rays, 1 / supersample / camera.focal_px)
+    shape = (end_row - first_row, supersample, camera.width_px, supersample, 3)
+    return np.asarray(light.reshape(shape).mean(axis=(1, 3)))
+
+
+def surfaces_seen(world: World, camera: CameraModel, shot: Shot) -> NDArray[np.uint8]:
+    """`Surface` values (H, W) under the middles of the pixels."""
+    rays = _rays(camera, shot, 1, 0, camera.height_px)
+    hits = world.cast(shot.street_from_camera[:3, 3].astype(np.float32), rays, shot.time_s, shot.ignored_mover)
+    return world.surfaces(hits).reshape(camera.height_px, camera.width_px)
+
+
+def _rays(camera: CameraModel, shot: Shot, supersample: int, first_row: int, end_row: int) -> Float32Array:
+    """Unit directions (N, 3), frame `street`, of some rows."""
     step = 1 / supersample
     u = ((np.arange(camera.width_px * supersample) + 0.5) * step - camera.width_px / 2) / camera.focal_px
     v = first_row + (np.arange((end_row - first_row) * supersample) + 0.5) * step - camera.height_px / 2
     x, y = np.meshgrid(u.astype(np.float32), (v / camera.focal_px).astype(np.float32))
     rays = np.stack([x.ravel(), y.ravel(), np.ones(x.size, np.float32)], axis=1)
     rays /= np.linalg.norm(rays, axis=1, keepdims=True)
-    rays = rays @ street_from_camera[:3, :3].T.astype(np.float32)
-    pixel_rad = step / camera.focal_px
-    light = _radiance(world, painter, street_from_camera[:3, 3].astype(np.float32), rays, pixel_rad)
-    shape = (end_row - first_row, supersample, camera.width_px, supersample, 3)
-    return np.asarray(light.reshape(shape).mean(axis=(1, 3)))
+    return np.asarray(rays @ shot.street_from_camera[:3, :3].T.astype(np.float32))
 
 
-def _radiance(
-    world: World, painter: Painter, origin_m: Float32Array, rays: Float32Array, pixel_rad: float
-) -> Float32Array:
+def _radiance(world: World, painter: Painter, shot: Shot, rays: Float32Array, pixel_rad: float) -> Float32Array:
     """Linear RGB (N, 3) that arrives along unit rays (N, 3)."""
-    hits = world.cast(origin_m, rays)
+    daylight, origin_m = world.daylight, shot.street_from_camera[:3, 3].astype(np.float32)
+    hits = world.cast(origin_m, rays, shot.time_s, shot.ignored_mover)
     colours = np.empty_like(rays)
     seen = hits.part >= 0
-    colours[~seen] = sky_colour(rays[~seen])
-    ray, distance, part = rays[seen], hits.distance[seen], hits.part[seen]
+    colours[~seen] = daylight.sky_colour(rays[~seen])
+    ray, distance = rays[seen], hits.distance[seen]
     facing = np.einsum("ij,ij->i", hits.normal[seen], ray)
-    normal = hits.normal[seen] * np.where(facing > 0, np.float32(-1), np.float32(1))[:, None]
-    point = origin_m + ray * distance[:, None]
-    cosine = np.maximum(np.abs(facing), np.float32(0.04))
-    along = world.road_positions(hits)[seen]
-    view = View(point, along, normal, ray, part, world.surfaces(hits)[seen], distance * np.float32(pixel_rad), cosine)
+    view = View(
+        point_m=origin_m + ray * distance[:, None],
+        road_m=world.road_positions(hits)[seen],
+        normal=hits.normal[seen] * np.where(facing > 0, np.float32(-1), np.float32(1))[:, None],
+        ray=ray,
+        part=hits.part[seen],
+        surface=world.surfaces(hits)[seen],
+        pixel_m=distance * np.float32(pixel_rad),
+        cosine=np.maximum(np.abs(facing), np.float32(0.04)),
+        part_from_street=world.part_from_street(shot.time_s),
+    )
     paint = painter.paint(view)
-    lit = _lit(world, view)
+    lit = _lit(world, shot, view)
     # Sky light comes from above, light that the ground throws back from below.
-    ambient = (0.62 + 0.38 * normal[:, 2]) * paint.openness
-    colour = paint.albedo * (lit[:, None] * SUN_LIGHT + ambient[:, None] * SKY_LIGHT) + paint.glow
+    ambient = (0.62 + 0.38 * view.normal[:, 2]) * paint.openness
+    colour = paint.albedo * (lit[:, None] * daylight.sun_light + ambient[:, None] * daylight.sky_light) + paint.glow
     clear = np.exp(distance * np.float32(-1 / HAZE_LENGTH_M))[:, None]
-    colours[seen] = colour * clear + HAZE * (1 - clear)
+    colours[seen] = colour * clear + daylight.haze * (1 - clear)
     return colours
 
 
-def _lit(world: World, view: View) -> Float32Array:
+def _lit(world: World, shot: Shot, view: View) -> Float32Array:
     """Cosine of the sun's angle to each surface, 0 in shadow (Lambert)."""
-    cosine = np.maximum(view.normal @ SUN_DIRECTION, np.float32(0))
+    sun = world.daylight.sun_direction
+    cosine = np.maximum(view.normal @ sun, np.float32(0))
     towards = np.flatnonzero(cosine > 0)
     start = view.point_m[towards] + view.normal[towards] * np.float32(SHADOW_OFFSET_M)
-    cosine[towards] *= world.reaches(start, SUN_DIRECTION)
+    cosine[towards] *= world.reaches(start, sun, shot.time_s, shot.ignored_mover)
     return np.asarray(cosine)
 
 

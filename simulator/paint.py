@@ -11,6 +11,7 @@ from simulator.paint_asphalt import AsphaltPaint
 from simulator.paint_objects import paint_car, paint_facade, paint_wheel
 from simulator.paint_stone import StonePaint
 from simulator.scenery import Part, Surface
+from simulator.sky import Daylight
 from simulator.street import Street
 from simulator.view import Paint, View
 
@@ -20,12 +21,12 @@ Float32Array = NDArray[np.float32]
 class Painter:
     """Paint of one street and its parts."""
 
-    def __init__(self, street: Street, parts: list[Part]) -> None:
-        self._asphalt = AsphaltPaint(street)
+    def __init__(self, street: Street, parts: list[Part], daylight: Daylight) -> None:
+        self._asphalt = AsphaltPaint(street, daylight)
         self._road = np.array([part.road for part in parts])
         self._stone = StonePaint(street.seed)
+        self._daylight = daylight
         self._colours = np.array([part.colour for part in parts], dtype=np.float32)
-        self._part_from_street = np.linalg.inv([part.street_from_part for part in parts]).astype(np.float32)
         stone = self._stone
         self._painters: dict[int, Callable[[View], Paint]] = {
             Surface.ROAD: lambda view: self._asphalt.paint(view, self._road[view.part]),
@@ -34,11 +35,11 @@ class Painter:
             Surface.GROUND: stone.ground,
             Surface.WALL: stone.wall,
             Surface.BUILDING: self._facade,
-            Surface.ROOF: lambda view: stone.roof(view, self._local(view), self._colour(view)),
-            Surface.CAR: lambda view: paint_car(view, self._local(view), self._local_normal(view), self._colour(view)),
-            Surface.WHEEL: lambda view: paint_wheel(view, self._local(view), self._local_normal(view)),
-            Surface.TREE: lambda view: stone.leaves(view, self._local(view), self._colour(view)),
-            Surface.DEBRIS: lambda view: stone.wood(view, self._local(view), self._colour(view)),
+            Surface.ROOF: lambda view: stone.roof(view, view.local()[0], self._colour(view)),
+            Surface.CAR: lambda view: paint_car(view, *view.local(), self._colour(view), daylight),
+            Surface.WHEEL: lambda view: paint_wheel(view, *view.local()),
+            Surface.TREE: lambda view: stone.leaves(view, view.local()[0], self._colour(view)),
+            Surface.DEBRIS: lambda view: stone.wood(view, view.local()[0], self._colour(view)),
         }
 
     def paint(self, view: View) -> Paint:
@@ -55,28 +56,12 @@ class Painter:
         return result
 
     def _facade(self, view: View) -> Paint:
-        local = self._local(view)
+        local, normal = view.local()
         plaster = self._stone.plaster(local, view.pixel_m)
-        return paint_facade(view, local, self._local_normal(view), self._colour(view), plaster)
+        return paint_facade(view, local, normal, self._colour(view), plaster, self._daylight)
 
     def _plain(self, view: View) -> Paint:
         return self._stone.plain(view, self._colour(view))
 
     def _colour(self, view: View) -> Float32Array:
         return self._colours[view.part]
-
-    def _local(self, view: View) -> Float32Array:
-        """Points (N, 3) in the frames of their parts."""
-        local = np.empty_like(view.point_m)
-        for part in np.unique(view.part):
-            chosen, transform = view.part == part, self._part_from_street[part]
-            local[chosen] = view.point_m[chosen] @ transform[:3, :3].T + transform[:3, 3]
-        return local
-
-    def _local_normal(self, view: View) -> Float32Array:
-        """Normals (N, 3) in the frames of their parts."""
-        local = np.empty_like(view.normal)
-        for part in np.unique(view.part):
-            chosen = view.part == part
-            local[chosen] = view.normal[chosen] @ self._part_from_street[part, :3, :3].T
-        return local

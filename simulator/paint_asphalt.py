@@ -9,6 +9,7 @@ from simulator.paint_feature import paint_feature
 from simulator.paint_relief import mirrored_sky, paint_relief
 from simulator.pothole import Relief
 from simulator.road import Road, Section
+from simulator.sky import Daylight
 from simulator.street import PlacedObstacle, Street
 from simulator.texture import Texture, fractal_noise
 from simulator.view import Paint, View, blend, repeated, rgb, step, stripe
@@ -31,8 +32,8 @@ STOP_LINE_M, STOP_LINE_HALF_M = 7.5, 0.15
 class AsphaltPaint:
     """Paint of one street's roads."""
 
-    def __init__(self, street: Street) -> None:
-        self._street = street
+    def __init__(self, street: Street, daylight: Daylight) -> None:
+        self._street, self._daylight = street, daylight
         seeds = np.random.default_rng([street.seed, 2]).integers(0, 2**31, 4)
         self._grain = Texture(fractal_noise(int(seeds[0]), 1024, slope=0.0), GRAIN_M)
         self._mottle = Texture(fractal_noise(int(seeds[1]), 1024, slope=0.7), MOTTLE_M)
@@ -52,13 +53,14 @@ class AsphaltPaint:
             colour[chosen] = self._carriageway(
                 self._street.roads[index], view.only(chosen), along[chosen], tone[chosen], mottle[chosen], grain[chosen]
             )
-        openness = np.ones_like(x)
+        glow, openness = np.zeros_like(colour), np.ones_like(x)
         for feature in self._street.features:
             paint_feature(feature, view, grain, mottle, colour)
         for placed in self._street.obstacles:
             if isinstance(placed.shape, Relief):
-                _paint_obstacle(placed, placed.shape, view, grain, mottle, colour, openness)
-        return Paint.matt(colour, openness * self._beside_cars(x, y))
+                water = _paint_obstacle(placed, placed.shape, view, grain, mottle, colour, openness)
+                glow[water] = mirrored_sky(view.only(water), self._daylight)
+        return Paint(colour, glow, openness * self._beside_cars(x, y))
 
     def _carriageway(
         self,
@@ -157,21 +159,21 @@ def _paint_obstacle(
     mottle: Float32Array,
     colour: Float32Array,
     openness: Float32Array,
-) -> None:
-    """Overwrite the colours around one relief: a patch if filled, else what it is made of."""
+) -> NDArray[np.intp]:
+    """Overwrite the colours around one relief: a patch if filled, else what it is made of; indices of its water."""
     reach = relief.reach_m * 1.15
     x, y = view.point_m[:, 0], view.point_m[:, 1]
     near = np.flatnonzero((np.abs(x - placed.x_m) < reach) & (np.abs(y - placed.y_m) < reach))
     if not near.size:
-        return
+        return near
     u, v = placed.local(x[near].astype(np.float64), y[near].astype(np.float64))
     if placed.filled:
         margin = np.minimum(relief.length_m * 0.58 - np.abs(u), relief.width_m * 0.60 - np.abs(v)).astype(np.float32)
         patch = FRESH_ASPHALT * (1 + 0.18 * grain[near])[:, None]
         colour[near] = blend(colour[near], patch, step(margin, 0.0, view.pixel_m[near]))
         colour[near] *= 1 - 0.6 * stripe(margin, 0.02, view.pixel_m[near])[:, None]
-        return
+        return near[:0]
     own, seen_sky = colour[near], openness[near]
     water = paint_relief(relief, u, v, grain[near], mottle[near], own, seen_sky)
-    own[water] += mirrored_sky(view.only(near[water]))
     colour[near], openness[near] = own, seen_sky
+    return near[water]

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simulator import car
-from simulator.sky import sky_colour
+from simulator.sky import Daylight
 from simulator.view import Paint, View, blend, cell_value, repeated, rgb, step, stripe
 
 Float32Array = NDArray[np.float32]
@@ -25,7 +25,12 @@ WINDOW_HALF_WIDTH_M, WINDOW_HEIGHT_M = 0.52, 1.35
 
 
 def paint_facade(
-    view: View, local_m: Float32Array, normal: Float32Array, colour: Float32Array, plaster: Float32Array
+    view: View,
+    local_m: Float32Array,
+    normal: Float32Array,
+    colour: Float32Array,
+    plaster: Float32Array,
+    daylight: Daylight,
 ) -> Paint:
     """Plaster with a window in each bay and storey, doors on the ground floor, shutters beside some windows.
 
@@ -51,12 +56,14 @@ def paint_facade(
     shutters = np.stack(SHUTTERS)[view.part % len(SHUTTERS)] * slats[:, None]
     albedo = blend(blend(wall, shutters, shutter), np.where(is_door[:, None], DOOR, FRAME), opening)
     albedo = blend(albedo, GLASS, pane)
-    mirrored = sky_colour(_mirrored(view)) * (0.10 + 0.35 * dice * dice)[:, None]
+    mirrored = daylight.sky_colour(_mirrored(view)) * (0.10 + 0.35 * dice * dice)[:, None]
     lintel = 1 - 0.35 * np.clip(1 - np.abs(inside + 0.02) / 0.08, 0, 1)
     return Paint(albedo, (mirrored * pane[:, None]).astype(np.float32), (0.92 * lintel).astype(np.float32))
 
 
-def paint_car(view: View, local_m: Float32Array, normal: Float32Array, colour: Float32Array) -> Paint:
+def paint_car(
+    view: View, local_m: Float32Array, normal: Float32Array, colour: Float32Array, daylight: Daylight
+) -> Paint:
     """Lacquer, glass behind pillars, lamps, wheel arches and door seams; `local_m`, `normal` in the car's frame."""
     x, y, z = local_m.T
     pixel = view.pixel_m
@@ -88,7 +95,7 @@ def paint_car(view: View, local_m: Float32Array, normal: Float32Array, colour: F
     # Schlick's approximation: lacquer and glass mirror 4 % head on and all at a grazing angle.
     fresnel = 0.04 + 0.96 * (1 - view.cosine) ** 5
     shiny = (1 - trim) * (1 - arch) * (fresnel + 0.10 * glass)
-    sky = sky_colour(_mirrored(view)) * np.where(_mirrored(view)[:, 2:] > 0, np.float32(1), np.float32(0.22))
+    sky = daylight.sky_colour(_mirrored(view)) * np.where(_mirrored(view)[:, 2:] > 0, np.float32(1), np.float32(0.22))
     return Paint(
         albedo, np.asarray(sky * shiny[:, None], dtype=np.float32), np.clip(0.25 + z, 0.3, 1).astype(np.float32)
     )

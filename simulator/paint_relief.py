@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simulator.relief import Material, Relief
-from simulator.sky import sky_colour
+from simulator.sky import Daylight
 from simulator.view import View, blend, rgb
 
 Float32Array = NDArray[np.float32]
@@ -16,8 +16,6 @@ EXPOSED, STONES, DUST = rgb(0.052, 0.049, 0.045), rgb(0.115, 0.100, 0.082), rgb(
 FRESH_ASPHALT, SEALANT = rgb(0.040, 0.040, 0.043), rgb(0.016, 0.016, 0.018)
 MUDDY_WATER, WET = rgb(0.060, 0.050, 0.036), np.float32(0.55)
 
-NOMINAL_LIGHT = rgb(1.9, 1.8, 1.6)
-"""What falls on level ground by day: mirrored light is given as the albedo that would send back as much."""
 
 WET_ABOVE_WATER_M = 0.012
 """Capillary rise in a broken edge: a dark band around a puddle."""
@@ -58,11 +56,11 @@ def paint_relief(
     return np.asarray(water)
 
 
-def mirrored_sky(view: View) -> Float32Array:
-    """Albedo (N, 3) that stands for the sky in level water (Fresnel's share after Schlick 1994)."""
+def mirrored_sky(view: View, daylight: Daylight) -> Float32Array:
+    """Light (N, 3) of the sky in level water (Fresnel's share after Schlick 1994)."""
     up = view.ray * np.array([1, 1, -1], dtype=np.float32)
     share = 0.02 + 0.98 * (1 - np.clip(up[:, 2], 0, 1)) ** 5
-    return np.asarray(sky_colour(up) * share[:, None] / NOMINAL_LIGHT, dtype=np.float32)
+    return np.asarray(daylight.sky_colour(up) * share[:, None], dtype=np.float32)
 
 
 def _paint_hole(

@@ -55,7 +55,7 @@ class StonePaint:
 
     def wall(self, view: View) -> Paint:
         """Bricks in running bond below a concrete coping, damp at the foot."""
-        x, y, z = view.road_m.T
+        x, _y, z = view.road_m.T
         row = np.floor(z / BRICK_HEIGHT_M)
         shifted = x + row * np.float32(BRICK_LENGTH_M / 2)
         along = view.pixel_m / view.cosine

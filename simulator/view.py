@@ -17,6 +17,7 @@ class View:
     `point_m`, unit `normal` towards the camera, unit `ray` (all (N, 3)); `part` and `surface` (N,); `pixel_m` is the
     width of a pixel there across the ray, `cosine` that of the angle between ray and normal. `road_m` (N, 3) is the
     distance along a road, the offset from it and the height above its edge, where the surface is drawn along one.
+    `part_from_street` (P, 4, 4) are the frames of all parts at the time.
     """
 
     point_m: Float32Array
@@ -27,6 +28,16 @@ class View:
     surface: NDArray[np.uint8]
     pixel_m: Float32Array
     cosine: Float32Array
+    part_from_street: Float32Array
+
+    def local(self) -> tuple[Float32Array, Float32Array]:
+        """Points and normals (N, 3) in the frames of their parts."""
+        points, normals = np.empty_like(self.point_m), np.empty_like(self.normal)
+        for part in np.unique(self.part):
+            chosen, transform = self.part == part, self.part_from_street[part]
+            points[chosen] = self.point_m[chosen] @ transform[:3, :3].T + transform[:3, 3]
+            normals[chosen] = self.normal[chosen] @ transform[:3, :3].T
+        return points, normals
 
     def only(self, chosen: NDArray[np.intp]) -> View:
         """Some of the hits."""
@@ -39,6 +50,7 @@ class View:
             self.surface[chosen],
             self.pixel_m[chosen],
             self.cosine[chosen],
+            self.part_from_street,
         )
 
 

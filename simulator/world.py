@@ -8,20 +8,22 @@ image = world.render(CameraModel(), street_from_vehicle)
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
-import open3d as o3d
 from numpy.typing import NDArray
 
-from simulator.camera import CameraModel, expose
+from simulator.camera import CameraModel, Shot, expose, surfaces_seen
 from simulator.furnish import furnish
 from simulator.lidar import LidarModel, measure
 from simulator.motion import Motion
+from simulator.mover import Mover, MovingScene, NearerHits, Rays
 from simulator.paint import Painter
+from simulator.rays import NO_GEOMETRY, RayScene
 from simulator.readings import Sweep
 from simulator.scenery import Part, Surface
+from simulator.sky import AFTERNOON, Daylight
 from simulator.street import Street
 from simulator.terrain import Terrain
 
@@ -44,24 +46,34 @@ class Hits:
     triangle: NDArray[np.uint32]
     uv: Float32Array
 
+    def replace(self, nearer: NearerHits, mover: int) -> None:
+        """Put the hits on one mover in the place of those behind it."""
+        index = nearer.index
+        self.distance[index], self.part[index], self.normal[index] = nearer.distance, nearer.part, nearer.normal
+        self.triangle[index], self.uv[index], self.mover[index] = nearer.triangle, nearer.uv, mover
+
 
 class World:
-    """A street that can be looked at."""
+    """A street and what moves through it, to be looked at.
 
-    def __init__(self, street: Street) -> None:
-        self.street = street
+    Movers' parts come after the street's own in `parts`, each in its mover's frame.
+    """
+
+    def __init__(self, street: Street, movers: Sequence[Mover] = (), daylight: Daylight = AFTERNOON) -> None:
+        self.street, self.daylight = street, daylight
         self.terrain = Terrain(street)
         carriageways = [
             Part(Surface.ROAD, self.terrain.mesh(road), road=index) for index, road in enumerate(street.roads)
         ]
-        self.parts = [*carriageways, *furnish(self.terrain)]
-        self._road_corners = _RoadCorners(self.parts)
+        still = [*carriageways, *furnish(self.terrain)]
+        self.parts = [*still, *(part for mover in movers for part in mover.model.parts)]
+        self._scene = RayScene([part.mesh.moved(part.street_from_part) for part in still])
+        self._still = np.array([part.street_from_part for part in still])
+        self._moving = _moving_scenes(movers, len(still))
+        self._road_corners = _RoadCorners(still)
         self._surface_of_part = np.array([part.surface for part in self.parts] + [Surface.NOTHING], dtype=np.uint8)
         self._obstacle_of_part = np.array([part.obstacle_id for part in self.parts] + [0], dtype=np.int32)
-        self._scene = o3d.t.geometry.RaycastingScene()
-        for part in self.parts:
-            _add(self._scene, part)
-        self._painter = Painter(street, self.parts)
+        self._painter = Painter(street, self.parts, daylight)
 
     def cast(
         self,
@@ -70,25 +82,41 @@ class World:
         time_s: FloatArray | float = 0.0,
         ignored_mover: int = 0,
     ) -> Hits:
-        """First hits of rays from (N, 3) or (3,) origins along (N, 3) directions, frame `street`, each at its time."""
-        rays = np.concatenate([np.broadcast_to(origins_m, directions.shape), directions], axis=1, dtype=np.float32)
-        answer = self._scene.cast_rays(_tensor(rays))
-        part = answer["geometry_ids"].numpy().astype(np.int32)
-        part[part >= len(self.parts)] = -1
-        mover = np.zeros(len(part), dtype=np.int32)
-        return Hits(
-            distance=answer["t_hit"].numpy(),
-            part=part,
-            normal=answer["primitive_normals"].numpy(),
-            mover=mover,
-            triangle=answer["primitive_ids"].numpy(),
-            uv=answer["primitive_uvs"].numpy(),
-        )
+        """First hits of rays from (N, 3) or (3,) origins along unit (N, 3) directions, frame `street`.
 
-    def reaches(self, points_m: Float32Array, direction: Float32Array) -> NDArray[np.bool_]:
-        """Whether the way from each point (N, 3) along one direction is free."""
-        rays = np.concatenate([points_m, np.broadcast_to(direction, points_m.shape)], axis=1, dtype=np.float32)
-        return np.asarray(~self._scene.test_occlusions(_tensor(rays)).numpy())
+        Each ray is sent at its own time (N,), or all at one.
+        """
+        answer = self._scene.cast(origins_m, directions)
+        part = answer.geometry.astype(np.int32)
+        part[answer.geometry == NO_GEOMETRY] = -1
+        mover = np.zeros(len(part), dtype=np.int32)
+        hits = Hits(answer.distance, part, answer.normal, mover, answer.triangle, answer.uv)
+        others = [moving for moving in self._moving if moving.mover.number != ignored_mover]
+        if others:
+            rays = Rays(origins_m, directions, np.atleast_1d(np.asarray(time_s, dtype=np.float64)))
+            for moving in others:
+                nearer = moving.cast(rays, hits.distance)
+                if nearer is not None:
+                    hits.replace(nearer, moving.mover.number)
+        return hits
+
+    def reaches(
+        self, points_m: Float32Array, direction: Float32Array, time_s: float = 0.0, ignored_mover: int = 0
+    ) -> NDArray[np.bool_]:
+        """Whether the way from each point (N, 3) along one unit direction is free."""
+        free = ~self._scene.blocked(points_m, np.broadcast_to(direction, points_m.shape))
+        for moving in self._moving:
+            if moving.mover.number != ignored_mover:
+                free[moving.hides(points_m, direction, time_s)] = False
+        return free
+
+    def part_from_street(self, time_s: float) -> Float32Array:
+        """Frames of all parts (P, 4, 4) at a time."""
+        now = np.array([time_s])
+        moved = [
+            moving.poses(now)[0] @ part.street_from_part for moving in self._moving for part in moving.mover.model.parts
+        ]
+        return np.linalg.inv(np.concatenate([self._still, *(pose[None] for pose in moved)])).astype(np.float32)
 
     def surfaces(self, hits: Hits) -> NDArray[np.uint8]:
         """`Surface` of each hit."""
@@ -115,9 +143,25 @@ class World:
         """The turn of a moving LiDAR that ends at `end_s`; it does not see the vehicle that carries it."""
         return measure(self, lidar, motion, end_s, rng, ignored_mover)
 
-    def render(self, camera: CameraModel, street_from_vehicle: FloatArray, supersample: int = 1) -> NDArray[np.uint8]:
+    def render(
+        self,
+        camera: CameraModel,
+        street_from_vehicle: FloatArray,
+        supersample: int = 1,
+        time_s: float = 0.0,
+        ignored_mover: int = 0,
+    ) -> NDArray[np.uint8]:
         """Picture (H, W, 3) uint8 BGR; each pixel is the mean of `supersample` x `supersample` rays."""
-        return expose(self, self._painter, camera, street_from_vehicle @ camera.vehicle_from_camera, supersample)
+        shot = Shot(street_from_vehicle @ camera.vehicle_from_camera, time_s, ignored_mover)
+        return expose(self, self._painter, camera, shot, supersample)
+
+    def segment(
+        self, camera: CameraModel, street_from_vehicle: FloatArray, time_s: float = 0.0, ignored_mover: int = 0
+    ) -> NDArray[np.uint8]:
+        """What each pixel's middle shows: (H, W) `Surface` values, `NOTHING` for the sky."""
+        return surfaces_seen(
+            self, camera, Shot(street_from_vehicle @ camera.vehicle_from_camera, time_s, ignored_mover)
+        )
 
 
 class _RoadCorners:
@@ -125,7 +169,7 @@ class _RoadCorners:
 
     def __init__(self, parts: list[Part]) -> None:
         corners = [np.zeros((1, 3, 3), np.float32)]
-        self._first = np.full(len(parts) + 1, -1)
+        self._first = np.full(len(parts), -1)
         count = 1
         for index, part in enumerate(parts):
             if part.mesh.road_m is not None:
@@ -135,17 +179,21 @@ class _RoadCorners:
         self._corners = np.concatenate(corners)
 
     def at(self, hits: Hits) -> Float32Array:
-        first = self._first[hits.part]
+        still = np.where(hits.part < len(self._first), hits.part, -1)
+        first = np.where(still < 0, -1, self._first[still])
         corners = self._corners[np.where(first < 0, 0, first + hits.triangle.astype(np.int64))]
         u, v = hits.uv.T[..., None]
         return np.asarray(corners[:, 0] * (1 - u - v) + corners[:, 1] * u + corners[:, 2] * v)
 
 
-def _add(scene: o3d.t.geometry.RaycastingScene, part: Part) -> None:
-    mesh = part.mesh.moved(part.street_from_part)
-    scene.add_triangles(_tensor(mesh.vertices_m.astype(np.float32)), _tensor(mesh.triangles.astype(np.uint32)))
-
-
-def _tensor(array: Any) -> o3d.core.Tensor:  # Open3D's stubs know no typed arrays
-    tensor: o3d.core.Tensor = o3d.core.Tensor.from_numpy(array)
-    return tensor
+def _moving_scenes(movers: Sequence[Mover], first_part: int) -> list[MovingScene]:
+    """Movers of the same model share its scene."""
+    scenes: dict[int, RayScene] = {}
+    moving = []
+    for mover in movers:
+        parts = mover.model.parts
+        if id(mover.model) not in scenes:
+            scenes[id(mover.model)] = RayScene([part.mesh.moved(part.street_from_part) for part in parts])
+        moving.append(MovingScene(mover, scenes[id(mover.model)], first_part))
+        first_part += len(parts)
+    return moving

@@ -1,0 +1,139 @@
+"""What moves through the street: rigid models, each seen by moving the rays into its own frame."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from simulator.motion import Motion
+from simulator.rays import RayScene
+from simulator.scenery import Part
+
+FloatArray = NDArray[np.float64]
+Float32Array = NDArray[np.float32]
+
+SEEN_WITHIN_M = 250.0
+"""Farther off, a car fills less than the pixel of a picture or the gap between two beams."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Model:
+    """Parts in the mover's frame (x forward, on the ground), within `radius_m` of a point `middle_m` above it."""
+
+    parts: tuple[Part, ...]
+    middle_m: float
+    radius_m: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Mover:
+    """A model on its way; `number` is 1 or more and its own."""
+
+    number: int
+    model: Model
+    motion: Motion
+
+
+class Rays:
+    """Rays from (N, 3) or (3,) origins along unit (N, 3) directions, each at its time (N,), or all at one (1,)."""
+
+    def __init__(self, origins_m: Float32Array, directions: Float32Array, time_s: FloatArray) -> None:
+        self.origins_m, self.directions, self.time_s = origins_m, directions, time_s
+        low, high = np.atleast_2d(origins_m).min(axis=0), np.atleast_2d(origins_m).max(axis=0)
+        self.middle_m = (low + high) / 2
+        self.spread_m = float(np.linalg.norm(high - low)) / 2
+        self.span_s = np.array([time_s.min(), time_s.max()])
+
+
+@dataclass(slots=True)
+class NearerHits:
+    """Hits of some rays, by their indices, on one mover, in the order of the rays; normals in the frame `street`."""
+
+    index: NDArray[np.intp]
+    distance: Float32Array
+    part: NDArray[np.int32]
+    normal: Float32Array
+    triangle: NDArray[np.uint32]
+    uv: Float32Array
+
+
+class MovingScene:
+    """One mover, its parts numbered from `first_part`."""
+
+    def __init__(self, mover: Mover, scene: RayScene, first_part: int) -> None:
+        self.mover = mover
+        self._scene, self._first_part = scene, first_part
+
+    def poses(self, time_s: FloatArray) -> FloatArray:
+        """`street_from_mover` (N, 4, 4)."""
+        return self.mover.motion.poses(time_s)
+
+    def cast(self, rays: Rays, before: Float32Array) -> NearerHits | None:
+        """Hits nearer than `before` (N,), None where there are none."""
+        index = self._towards(rays)
+        if not index.size:
+            return None
+        mover_from_street = self._inverses(rays.time_s, index)
+        starts = rays.origins_m[index] if rays.origins_m.ndim == 2 else rays.origins_m
+        answer = self._scene.cast(*_moved(starts, rays.directions[index], mover_from_street))
+        nearer = np.flatnonzero(answer.distance < before[index])
+        if not nearer.size:
+            return None
+        turn = mover_from_street[:, :3, :3] if len(mover_from_street) == 1 else mover_from_street[nearer, :3, :3]
+        return NearerHits(
+            index=index[nearer],
+            distance=answer.distance[nearer],
+            part=answer.geometry[nearer].astype(np.int32) + self._first_part,
+            # The transpose of mover_from_street turns back.
+            normal=np.einsum("nji,nj->ni", np.broadcast_to(turn, (len(nearer), 3, 3)), answer.normal[nearer]),
+            triangle=answer.triangle[nearer],
+            uv=answer.uv[nearer],
+        )
+
+    def hides(self, points_m: Float32Array, direction: Float32Array, time_s: float) -> NDArray[np.intp]:
+        """Indices of the points (N, 3) whose way along a unit direction this mover blocks."""
+        pose = self.poses(np.array([time_s]))[0]
+        to_middle = (pose[:3, 3] + self.mover.model.middle_m * pose[:3, 2]).astype(np.float32) - points_m
+        along = to_middle @ direction
+        across = np.einsum("ij,ij->i", to_middle, to_middle) - along * along
+        radius = self.mover.model.radius_m
+        index = np.flatnonzero((along > -radius) & (across < radius**2))
+        if not index.size:
+            return index
+        inverse = np.linalg.inv(pose)[None].astype(np.float32)
+        start, rays = _moved(points_m[index], np.broadcast_to(direction, (len(index), 3)), inverse)
+        return index[self._scene.blocked(start, rays)]
+
+    def _towards(self, rays: Rays) -> NDArray[np.intp]:
+        """Indices of the rays that may meet the mover's ball on its way."""
+        ends = self.poses(rays.span_s)
+        middles = ends[:, :3, 3] + self.mover.model.middle_m * ends[:, :3, 2]
+        to_middle = middles.mean(axis=0) - rays.middle_m
+        distance = float(np.linalg.norm(to_middle))
+        radius = self.mover.model.radius_m + float(np.linalg.norm(middles[1] - middles[0])) / 2 + rays.spread_m
+        if distance > SEEN_WITHIN_M:
+            return np.empty(0, dtype=np.intp)
+        if distance <= radius:
+            return np.arange(len(rays.directions))
+        cosine = np.sqrt(1 - (radius / distance) ** 2)
+        return np.flatnonzero(rays.directions @ (to_middle / distance).astype(np.float32) > cosine)
+
+    def _inverses(self, time_s: FloatArray, index: NDArray[np.intp]) -> Float32Array:
+        """`mover_from_street` at the time of each ray (N, 4, 4), or one (1, 4, 4) for all."""
+        if len(time_s) == 1:
+            return np.linalg.inv(self.poses(time_s)).astype(np.float32)
+        times, which = np.unique(time_s[index], return_inverse=True)
+        return np.asarray(np.linalg.inv(self.poses(times)).astype(np.float32)[which])
+
+
+def _moved(
+    origins_m: Float32Array, directions: Float32Array, a_from_b: Float32Array
+) -> tuple[Float32Array, Float32Array]:
+    """Rays of frame b in frame a, by one (1, 4, 4) transform or one each."""
+    if len(a_from_b) == 1:
+        turn, shift = a_from_b[0, :3, :3], a_from_b[0, :3, 3]
+        return np.broadcast_to(origins_m @ turn.T + shift, directions.shape), directions @ turn.T
+    origins = np.einsum("nij,nj->ni", a_from_b[:, :3, :3], np.broadcast_to(origins_m, directions.shape))
+    return origins + a_from_b[:, :3, 3], np.einsum("nij,nj->ni", a_from_b[:, :3, :3], directions)
