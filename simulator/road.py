@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from simulator.centreline import Centreline, straight
+from simulator.centreline import Centreline, alignment, straight
 
 FloatArray = NDArray[np.float64]
 
@@ -93,7 +93,7 @@ class Road:
             return np.asarray(own)
         reach = np.clip((s_m - self.line.start_m) / MOUTH_BLEND_M, 0, 1)
         share = reach * reach * (3 - 2 * reach)
-        return np.asarray((1 - share) * self._height_of_joined(s_m, t_m) + share * own)
+        return np.asarray((1 - share) * self._height_of(self.joins, s_m, t_m) + share * own)
 
     def cross_slope(self, s_m: FloatArray, t_m: FloatArray) -> FloatArray:
         """Derivative of the height by t (N,)."""
@@ -118,12 +118,11 @@ class Road:
             return np.zeros_like(curvature_per_m)
         return -np.clip(BANK_PER_CURVATURE_M * curvature_per_m, -STEEPEST_BANK, STEEPEST_BANK)
 
-    def _height_of_joined(self, s_m: FloatArray, t_m: FloatArray) -> FloatArray:
-        """The joined road's surface, drawn on beyond its edge at the edge's height."""
-        assert self.joins is not None
-        s, t = self.joins.line.project(self.line.plan(s_m, t_m))
-        edge = self.joins.half_width(s)
-        return self.joins.height(s, np.clip(t, -edge, edge))
+    def _height_of(self, joined: Road, s_m: FloatArray, t_m: FloatArray) -> FloatArray:
+        """The surface of the road this one joins, drawn on beyond its edge at the edge's height."""
+        s, t = joined.line.project(self.line.plan(s_m, t_m))
+        edge = joined.half_width(s)
+        return joined.height(s, np.clip(t, -edge, edge))
 
 
 def straight_road(length_m: float, beyond_m: float, section: Section | None = None) -> Road:
@@ -132,20 +131,22 @@ def straight_road(length_m: float, beyond_m: float, section: Section | None = No
 
 
 def side_road(
-    main: Road, s_m: float, side: int, angle_rad: float, length_m: float, grade: float, section: Section
+    main: Road, s_m: float, side: int, bend_rad: float, length_m: float, grade: float, section: Section
 ) -> tuple[Road, Road]:
-    """`main` with an opening, and the straight road that leaves it at s to `side`, turned by `angle_rad` from square.
+    """`main` with an opening, and the road that leaves it square at s to `side` and then bends by `bend_rad`.
 
-    It climbs by `grade` after its mouth.
+    It climbs by `grade` after its mouth. Where it leaves, `main` should be nearly straight.
     """
     edge = float(main.half_width(np.array([s_m]))[0])
     here = main.line.at(np.array([s_m]))
-    start = main.line.plan(np.array([s_m]), np.array([side * (edge - OVERLAP_M)]))[0]
-    heading = float(here.heading_rad[0]) + side * (math.pi / 2) + angle_rad
+    x, y = main.line.plan(np.array([s_m]), np.array([side * (edge - OVERLAP_M)]))[0]
     z = float(main.height(np.array([s_m]), np.array([side * edge]))[0]) + 0.02
-    s = np.arange(0.0, length_m + 1, 2.0)
-    climb = grade * np.maximum(s - MOUTH_BLEND_M, 0)
-    points = np.stack([start[0] + s * math.cos(heading), start[1] + s * math.sin(heading), z + climb], axis=1)
-    road = Road(Centreline(s, points), section, joins=main)
-    half_gap = (section.half_width_m + road.mouth_radius_m) / math.cos(angle_rad)
+    curvature = bend_rad / 18.0
+    line = alignment(
+        [(0.0, 0.0), (12.0, 0.0), (18.0, curvature), (30.0, curvature), (36.0, 0.0), (length_m, 0.0)],
+        [(0.0, z), (MOUTH_BLEND_M, z), (length_m, z + grade * (length_m - MOUTH_BLEND_M))],
+        start=(float(x), float(y), float(here.heading_rad[0]) + side * math.pi / 2),
+    )
+    road = Road(line, section, joins=main)
+    half_gap = section.half_width_m + road.mouth_radius_m
     return main.opened(Opening(s_m - half_gap, s_m + half_gap, side)), road
