@@ -20,6 +20,9 @@ FloatArray = NDArray[np.float64]
 COARSE_STEP_M, FINE_PARTS = 0.25, 13
 """Cells of the sound road, and into how many parts each is divided around a relief: 2 cm."""
 
+FLAT_WITHIN_M = 0.0005
+"""A tenth of the least range noise of a LiDAR: less is not worth three hundred triangles."""
+
 ROUGHNESS_STEP_M, ROUGHNESS_PERIOD = 0.05, 1024
 REFERENCE_FREQUENCY_PER_M = 0.1
 """n0 of ISO 8608."""
@@ -56,24 +59,49 @@ class Terrain:
         return np.asarray(height.reshape(np.shape(x_m)))
 
     def mesh(self, road: Road) -> Mesh:
-        """Lattice along the road, fine around reliefs; where both meet, the fine border lies on the coarse edges."""
+        """Lattice along the road, its cells divided where a relief bends them; borders lie on the coarse edges."""
         lattice = _Lattice.of(road)
-        coarse = self._surface(road, *lattice.at_corners())
-        blocks = _merged([lattice.block(*self._reach(road, placed, relief)) for placed, relief in self._all_reliefs()])
-        sound = np.ones((len(lattice.s_m) - 1, len(lattice.u) - 1), dtype=bool)
-        for block in blocks:
-            sound[block.rows, block.columns] = False
-        return joined([grid(*coarse, sound), *(self._fine(road, lattice, block, coarse[0]) for block in blocks)])
+        coarse_m, road_m = self._surface(road, *lattice.at_corners())
+        rows, columns = np.nonzero(self._touched(coarse_m))
+        bent = self._bent(road, lattice, rows, columns)
+        fine = np.zeros((len(lattice.s_m) - 1, len(lattice.u) - 1), dtype=bool)
+        fine[rows[bent], columns[bent]] = True
+        sound = grid(coarse_m, road_m, ~fine)
+        return joined([sound, self._divided(road, lattice, fine, coarse_m)]) if fine.any() else sound
 
-    def _fine(self, road: Road, lattice: _Lattice, block: _Block, coarse_m: FloatArray) -> Mesh:
-        row, column = block.fine()
-        vertices, road_m = self._surface(road, *lattice.between(row, column))
-        border = np.ones(row.shape, dtype=bool)
-        border[1:-1, 1:-1] = False
-        index = np.stack([row[border], column[border]])
-        for axis in range(3):
-            vertices[border, axis] = ndimage.map_coordinates(coarse_m[..., axis], index, order=1)
-        return grid(vertices, road_m)
+    def _touched(self, coarse_m: FloatArray) -> NDArray[np.bool_]:
+        """Cells (rows, columns) that the box of a relief reaches into."""
+        middle = (coarse_m[:-1, :-1] + coarse_m[1:, 1:]) / 2
+        reach = float(np.linalg.norm(coarse_m[1:, 1:, :2] - coarse_m[:-1, :-1, :2], axis=-1).max()) / 2
+        touched = np.zeros(middle.shape[:2], dtype=bool)
+        for placed, relief in self._all_reliefs():
+            u, v = placed.local(middle[..., 0], middle[..., 1])
+            half_v, half_u = (size * relief.step_m / 2 + reach for size in relief.heights_m.shape)
+            touched |= (np.abs(u) < half_u) & (np.abs(v) < half_v)
+        return touched
+
+    def _bent(
+        self, road: Road, lattice: _Lattice, rows: NDArray[np.intp], columns: NDArray[np.intp]
+    ) -> NDArray[np.bool_]:
+        """Which cells (C,) two triangles would not follow within `FLAT_WITHIN_M`."""
+        s, t = lattice.inside(rows, columns)
+        plan = road.line.plan(s.ravel(), t.ravel())
+        height = self._relief_height(plan[:, 0], plan[:, 1]).reshape(s.shape)
+        return np.asarray(np.abs(height - _bilinear(height[..., None])[..., 0]).max(axis=(1, 2)) > FLAT_WITHIN_M)
+
+    def _divided(self, road: Road, lattice: _Lattice, fine: NDArray[np.bool_], coarse_m: FloatArray) -> Mesh:
+        rows, columns = np.nonzero(fine)
+        vertices, road_m = self._surface(road, *lattice.inside(rows, columns))
+        flat, framed = _bilinear(vertices), np.pad(fine, 1)
+        for d_row, d_column, side in (
+            (-1, 0, np.s_[:, 0]),
+            (1, 0, np.s_[:, -1]),
+            (0, -1, np.s_[:, :, 0]),
+            (0, 1, np.s_[:, :, -1]),
+        ):
+            alone = ~framed[rows + 1 + d_row, columns + 1 + d_column]
+            vertices[side][alone] = flat[side][alone]
+        return _cells(vertices, road_m)
 
     def _surface(self, road: Road, s_m: FloatArray, t_m: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Vertices (..., 3) in the frame `street`, and (..., 3) s, t and height 0 of road positions."""
@@ -88,61 +116,20 @@ class Terrain:
     def _worn(self, x_m: FloatArray, y_m: FloatArray) -> FloatArray:
         """What is added to the smooth road at positions (N,)."""
         index = np.stack([y_m, x_m]) / ROUGHNESS_STEP_M
-        added: FloatArray = ndimage.map_coordinates(self._roughness_m, index, order=1, mode="grid-wrap")
+        roughness: FloatArray = ndimage.map_coordinates(self._roughness_m, index, order=1, mode="grid-wrap")
+        return roughness + self._relief_height(x_m, y_m)
+
+    def _relief_height(self, x_m: FloatArray, y_m: FloatArray) -> FloatArray:
+        """What obstacles and features add at positions (N,)."""
+        added = np.zeros(len(x_m))
         for placed, relief in self._all_reliefs():
             near = np.flatnonzero(np.hypot(x_m - placed.x_m, y_m - placed.y_m) <= relief.reach_m)
-            added[near] += relief.height_at(*placed.local(x_m[near], y_m[near]))
+            if near.size:
+                added[near] += relief.height_at(*placed.local(x_m[near], y_m[near]))
         return added
 
     def _all_reliefs(self) -> list[tuple[PlacedObstacle | PlacedFeature, Relief]]:
         return [*self.reliefs, *((feature, feature.shape) for feature in self.street.features)]
-
-    def _reach(self, road: Road, placed: PlacedObstacle | PlacedFeature, relief: Relief) -> tuple[float, float, float]:
-        s, t = road.line.project(np.array([[placed.x_m, placed.y_m]]))
-        return float(s[0]), float(t[0]), relief.reach_m
-
-
-@dataclass(frozen=True, slots=True)
-class _Block:
-    """A rectangle of coarse cells that is meshed finely."""
-
-    first_row: int
-    end_row: int
-    first_column: int
-    end_column: int
-
-    @property
-    def rows(self) -> slice:
-        return slice(self.first_row, self.end_row)
-
-    @property
-    def columns(self) -> slice:
-        return slice(self.first_column, self.end_column)
-
-    @property
-    def empty(self) -> bool:
-        return self.first_row >= self.end_row or self.first_column >= self.end_column
-
-    def touches(self, other: _Block) -> bool:
-        apart = self.end_row < other.first_row or other.end_row < self.first_row
-        return not apart and self.end_column >= other.first_column and other.end_column >= self.first_column
-
-    def with_(self, other: _Block) -> _Block:
-        return _Block(
-            min(self.first_row, other.first_row),
-            max(self.end_row, other.end_row),
-            min(self.first_column, other.first_column),
-            max(self.end_column, other.end_column),
-        )
-
-    def fine(self) -> tuple[FloatArray, FloatArray]:
-        """Fine vertices as fractional (row, column) of the coarse lattice."""
-        axes = [
-            np.linspace(first, end, (end - first) * FINE_PARTS + 1)
-            for first, end in ((self.first_row, self.end_row), (self.first_column, self.end_column))
-        ]
-        row, column = np.meshgrid(*axes, indexing="ij")
-        return row, column
 
 
 @dataclass(frozen=True, slots=True)
@@ -165,24 +152,14 @@ class _Lattice:
         s, u = np.meshgrid(self.s_m, self.u, indexing="ij")
         return s, u * self.road.half_width(self.s_m)[:, None]
 
-    def between(self, row: FloatArray, column: FloatArray) -> tuple[FloatArray, FloatArray]:
-        s = np.interp(row, np.arange(len(self.s_m)), self.s_m)
-        u = np.interp(column, np.arange(len(self.u)), self.u)
-        return s, u * self.road.half_width(s.ravel()).reshape(s.shape)
-
-    def block(self, s_m: float, t_m: float, reach_m: float) -> _Block:
-        """The cells within `reach_m` of a road position; empty where it lies off the road."""
-        half = float(self.road.half_width(np.array([s_m]))[0])
-        if abs(t_m) > half + reach_m:
-            return _Block(0, 0, 0, 0)
-        rows = np.searchsorted(self.s_m, [s_m - reach_m, s_m + reach_m])
-        columns = np.searchsorted(self.u, [(t_m - reach_m) / half, (t_m + reach_m) / half])
-        return _Block(
-            max(int(rows[0]) - 1, 0),
-            min(int(rows[1]), len(self.s_m) - 1),
-            max(int(columns[0]) - 1, 0),
-            min(int(columns[1]), len(self.u) - 1),
-        )
+    def inside(self, rows: NDArray[np.intp], columns: NDArray[np.intp]) -> tuple[FloatArray, FloatArray]:
+        """Distances s and offsets t (C, P + 1, P + 1) of the vertices that divide cells (C,)."""
+        share = np.linspace(0, 1, FINE_PARTS + 1)
+        s = self.s_m[rows, None] * (1 - share) + self.s_m[rows + 1, None] * share
+        u = self.u[columns, None] * (1 - share) + self.u[columns + 1, None] * share
+        half = self.road.half_width(s.ravel()).reshape(s.shape)
+        shape = (len(rows), FINE_PARTS + 1, FINE_PARTS + 1)
+        return np.broadcast_to(s[:, :, None], shape), half[:, :, None] * u[:, None, :]
 
 
 def mouth_stations(road: Road) -> FloatArray:
@@ -191,15 +168,18 @@ def mouth_stations(road: Road) -> FloatArray:
     return np.asarray(road.line.start_m + OVERLAP_M + road.mouth_radius_m * (1 - np.cos(angles)))
 
 
-def _merged(blocks: list[_Block]) -> list[_Block]:
-    """Blocks without common cells or borders."""
-    waiting, apart = [block for block in blocks if not block.empty], list[_Block]()
-    while waiting:
-        block = waiting.pop()
-        neighbour = next((other for other in apart if other.touches(block)), None)
-        if neighbour is None:
-            apart.append(block)
-        else:
-            apart.remove(neighbour)
-            waiting.append(block.with_(neighbour))
-    return apart
+def _bilinear(vertices: FloatArray) -> FloatArray:
+    """Values (C, P + 1, P + 1, K) replaced by those between the four corners of each cell."""
+    share = np.linspace(0, 1, vertices.shape[1])
+    across, along = share[None, None, :, None], share[None, :, None, None]
+    first = vertices[:, :1, :1] * (1 - across) + vertices[:, :1, -1:] * across
+    last = vertices[:, -1:, :1] * (1 - across) + vertices[:, -1:, -1:] * across
+    return np.asarray(first * (1 - along) + last * along)
+
+
+def _cells(vertices_m: FloatArray, road_m: FloatArray) -> Mesh:
+    """One mesh of many small lattices (C, P + 1, P + 1, 3)."""
+    count, size = len(vertices_m), vertices_m.shape[1]
+    pattern = grid(vertices_m[0]).triangles
+    triangles = (pattern[None] + size**2 * np.arange(count)[:, None, None]).reshape(-1, 3)
+    return Mesh(vertices_m.reshape(-1, 3), triangles, road_m.reshape(-1, 3))
