@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -76,12 +76,12 @@ def _with_winners(
     hits: Hits, rim: Hits, edges: NDArray[np.intp], distance: Float32Array, winner: NDArray[np.intp]
 ) -> Hits:
     """The central hits, where a rim ray dominated the echo with what that ray hit; `winner` -1 is the centre."""
-    part, normal, mover, range_m = hits.part.copy(), hits.normal.copy(), hits.mover.copy(), hits.distance.copy()
-    range_m[edges] = distance
-    changed = edges[winner >= 0]
-    source = winner[winner >= 0]
-    part[changed], normal[changed], mover[changed] = rim.part[source], rim.normal[source], rim.mover[source]
-    return replace(hits, distance=range_m, part=part, normal=normal, mover=mover)
+    changed, source = edges[winner >= 0], winner[winner >= 0]
+    mixed = {column.name: getattr(hits, column.name).copy() for column in fields(hits)}
+    for name, values in mixed.items():
+        values[changed] = getattr(rim, name)[source]
+    mixed["distance"][edges] = distance
+    return replace(hits, **mixed)
 
 
 @njit(cache=True, nogil=True)

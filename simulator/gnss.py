@@ -24,11 +24,6 @@ WGS84_ECCENTRICITY_SQUARED = 6.694_379_990_14e-3
 class GnssError(Protocol):
     """How wrong a receiver is; what it means in metres may depend on where it is used."""
 
-    @property
-    def rate_hz(self) -> float:
-        """Fixes a second."""
-        ...
-
     def at(self, latitude_deg: float) -> GnssModel:
         """The same errors in metres at a latitude."""
         ...
@@ -48,7 +43,6 @@ class GnssModel:
     bias_time_s: float = 600.0
     noise_sd_m: Enu = (0.1, 0.1, 0.1)
     offset_m: Enu = (0.0, 0.0, 0.0)
-    rate_hz: float = 10.0
     outage_every_s: float = math.inf
     outage_lasts_s: float = 0.0
 
@@ -56,8 +50,8 @@ class GnssModel:
         deviations = (*self.bias_sd_m, *self.noise_sd_m, self.outage_lasts_s)
         if not all(0 <= value < math.inf for value in deviations) or not all(map(math.isfinite, self.offset_m)):
             raise ValueError("a receiver's deviations are not negative, its offsets finite")
-        if not (self.bias_time_s > 0 and self.outage_every_s > 0 and 0 < self.rate_hz < math.inf):
-            raise ValueError("a receiver's rate and times are positive")
+        if not (self.bias_time_s > 0 and self.outage_every_s > 0):
+            raise ValueError("a receiver's times are positive")
 
     def at(self, latitude_deg: float) -> GnssModel:
         """Itself: metres are metres everywhere."""
@@ -79,7 +73,6 @@ class CarlaGnss:
     latitude_bias_deg: float = 0.0
     longitude_bias_deg: float = 0.0
     altitude_bias_m: float = 0.0
-    rate_hz: float = 10.0
 
     def at(self, latitude_deg: float) -> GnssModel:
         """The same errors in metres at a latitude."""
@@ -88,7 +81,6 @@ class CarlaGnss:
             bias_sd_m=(0.0, 0.0, 0.0),
             noise_sd_m=(self.longitude_sd_deg * east, self.latitude_sd_deg * north, self.altitude_sd_m),
             offset_m=(self.longitude_bias_deg * east, self.latitude_bias_deg * north, self.altitude_bias_m),
-            rate_hz=self.rate_hz,
         )
 
 

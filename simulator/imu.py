@@ -1,4 +1,4 @@
-"""An inertial unit and compass: what they feel of a body's motion, at their own rate."""
+"""An inertial unit and compass: what they feel of a body's motion, at any times."""
 
 from __future__ import annotations
 
@@ -32,12 +32,11 @@ class ImuModel:
     accelerometer_sd_mps2: Axes = (0.0, 0.0, 0.0)
     gyroscope_sd_radps: Axes = (0.0, 0.0, 0.0)
     gyroscope_bias_radps: Axes = (0.0, 0.0, 0.0)
-    rate_hz: float = 100.0
 
     def __post_init__(self) -> None:
         deviations = (*self.accelerometer_sd_mps2, *self.gyroscope_sd_radps)
-        if not all(0 <= value < math.inf for value in deviations) or not 0 < self.rate_hz < math.inf:
-            raise ValueError("an inertial unit's deviations are not negative, its rate is positive")
+        if not all(0 <= value < math.inf for value in deviations):
+            raise ValueError("an inertial unit's deviations are not negative")
         if not all(map(math.isfinite, self.gyroscope_bias_radps)):
             raise ValueError("an inertial unit's bias is finite")
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -24,10 +24,11 @@ Float32Array = NDArray[np.float32]
 
 @dataclass(frozen=True, slots=True)
 class Laser:
-    """One channel: its elevation, and where it looks out, above the sensor's origin."""
+    """One channel: its elevation, where it looks out above the sensor's origin, and what it adds to every range."""
 
     elevation_rad: float
     height_m: float = 0.0
+    range_bias_m: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,6 +79,12 @@ class LidarModel:
         """Height above the sensor's origin that each ring's light comes from, (channels,)."""
         return np.array([laser.height_m for laser in self.lasers]) if self.lasers else np.zeros(self.channels)
 
+    @property
+    def range_biases_m(self) -> Float32Array:
+        """What each ring adds to every range, (channels,)."""
+        biases = [laser.range_bias_m for laser in self.lasers] if self.lasers else np.zeros(self.channels)
+        return np.array(biases, dtype=np.float32)
+
 
 def azimuths(lidar: LidarModel, phase: float) -> FloatArray:
     """Azimuth of each column (columns,), counter-clockwise from ahead, in the order of firing.
@@ -107,7 +114,6 @@ def measure(
     street_from_sensor = np.ascontiguousarray(motion.poses(end_s + offset_s), dtype=np.float64)
     height_m, elevation = lidar.heights_m, lidar.elevations_rad
     origins, rays = _rays(azimuth, elevation, height_m, street_from_sensor)
-    chance = rng.random(len(rays), dtype=np.float32)
     noise_m = rng.standard_normal(len(rays), dtype=np.float32) * np.float32(lidar.range_sd_m)
 
     shots = Shots(origins, rays, np.repeat(end_s + offset_s, lidar.channels), lidar.channels, ignored_mover)
@@ -115,14 +121,15 @@ def measure(
     power = received_power(world, hits, rays)
     if lidar.beam is not None:
         hits, power = spread(world, lidar.beam, shots, hits, power)
-    intensity, kept = lidar.returns.receive(hits.distance, power, chance)
+    intensity, kept = lidar.returns.receive(hits.distance, power, rng)
     kept &= (hits.distance >= lidar.near_m) & (hits.distance <= lidar.range_m)
 
     index = np.flatnonzero(kept)
     hits, rays = _taken(hits, index), rays[index]
     column, ring = np.divmod(index, lidar.channels)
+    error_m = noise_m[index] + lidar.range_biases_m[ring]
     return Sweep(
-        points_m=_points(column, ring, hits.distance + noise_m[index], azimuth, elevation, height_m),
+        points_m=_points(column, ring, hits.distance + error_m, azimuth, elevation, height_m),
         ring=ring.astype(np.uint16),
         azimuth_rad=azimuth.astype(np.float32)[column],
         time_offset_s=offset_s.astype(np.float32)[column],
@@ -135,13 +142,7 @@ def measure(
 
 
 def _taken(hits: Hits, index: NDArray[np.intp]) -> Hits:
-    return replace(
-        hits,
-        distance=hits.distance[index],
-        part=hits.part[index],
-        normal=hits.normal[index],
-        mover=hits.mover[index],
-    )
+    return replace(hits, **{column.name: getattr(hits, column.name)[index] for column in fields(hits)})
 
 
 @njit(cache=True, nogil=True)

@@ -19,6 +19,12 @@ if TYPE_CHECKING:
 
 Float32Array = NDArray[np.float32]
 
+ROUGHNESS_RAD = 0.5
+"""Spread of the slopes of a surface's facets: with it, a road is as bright at 20 m as at 5 m, as in real scans."""
+
+MATT_SHARE = 1 - 0.5 * ROUGHNESS_RAD**2 / (ROUGHNESS_RAD**2 + 0.33)
+ROUGH_SHARE = 0.45 * ROUGHNESS_RAD**2 / (ROUGHNESS_RAD**2 + 0.09)
+
 DEFAULT_REFLECTIVITY = 0.3
 REFLECTIVITY: dict[Surface, float] = {
     # Share of 905 nm light that a matt sample gives back: asphalt and concrete 0.1 to 0.4, leaves 0.4 to 0.6 in the
@@ -68,59 +74,57 @@ class CarlaReturns:
             raise ValueError("a LiDAR's drop-off rates and limit lie in [0, 1], its attenuation is not negative")
 
     def receive(
-        self, range_m: Float32Array, power: Float32Array, chance: Float32Array
+        self, range_m: Float32Array, power: Float32Array, rng: np.random.Generator
     ) -> tuple[Float32Array, NDArray[np.bool_]]:
-        """Intensity (N,) and whether each ray returns, given a uniform draw `chance` (N,) for each."""
+        """Intensity (N,) and whether each ray returns; range inf is a ray that hit nothing."""
         intensity = np.exp(np.float32(-self.attenuation_per_m) * np.minimum(range_m, np.float32(1e6)))
-        # One draw serves both steps: a ray that passed the first is uniform over what is left.
-        weak_share = np.zeros_like(intensity)
+        kept = rng.random(len(range_m), dtype=np.float32) >= self.general_dropoff
         if self.zero_intensity_dropoff > 0:
-            limit = max(self.dropoff_intensity_limit, 1e-6)
-            weak_share = np.where(
-                intensity > self.dropoff_intensity_limit,
-                np.float32(0.0),
-                np.float32(self.zero_intensity_dropoff) * (1 - intensity / np.float32(limit)),
-            )
-        kept = chance < np.float32(1.0 - self.general_dropoff) * (1 - weak_share)
+            slope = self.zero_intensity_dropoff / max(self.dropoff_intensity_limit, 1e-6)
+            chance = np.float32(1 - self.zero_intensity_dropoff) + np.float32(slope) * intensity
+            kept &= (intensity > self.dropoff_intensity_limit) | (rng.random(len(range_m), dtype=np.float32) < chance)
         return intensity, kept
 
 
 @dataclass(frozen=True, slots=True)
 class MeasuredReturns:
-    """A real sensor: received power by the LiDAR equation of an extended matt target, and a threshold with noise.
+    """A real sensor: what comes back of a rough target that fills the beam, and the least power that it notices.
 
-    power = reflectivity x cos(incidence) / range^2 (Winiwarter et al., HELIOS++, 2022, eq. 3 without the sensor's
-    constants). A target of reflectivity 0.1 seen squarely at `reach_m` returns half of the time, others with
-    P^k / (P^k + P_half^k), k = `steepness`. Intensity is what the maker calibrates to: power x range^2, times `gain`.
+    The power is that of `received_power`, times a log-normal factor for texture and speckle with the standard deviation
+    `fluctuation` of its logarithm. A target of reflectivity 0.1 seen squarely at `reach_m` is noticed half of the time.
+    Intensity is what the maker calibrates to: power x range^2, the target's apparent reflectivity, times `gain`.
     """
 
     reach_m: float
-    steepness: float
-    gain: float = 1.0
+    fluctuation: float
+    gain: float
 
     def __post_init__(self) -> None:
-        if not all(0.0 < value < np.inf for value in (self.reach_m, self.steepness, self.gain)):
-            raise ValueError("a LiDAR's reach, steepness and gain are positive")
+        if not all(0.0 < value < np.inf for value in (self.reach_m, self.fluctuation, self.gain)):
+            raise ValueError("a LiDAR's reach, fluctuation and gain are positive")
 
     def receive(
-        self, range_m: Float32Array, power: Float32Array, chance: Float32Array
+        self, range_m: Float32Array, power: Float32Array, rng: np.random.Generator
     ) -> tuple[Float32Array, NDArray[np.bool_]]:
-        """Intensity (N,) and whether each ray returns, given a uniform draw `chance` (N,) for each."""
-        squared = range_m * range_m
-        with np.errstate(invalid="ignore", divide="ignore"):
-            relative = power * np.float32(self.reach_m**2 / 0.1)
-            kept = chance * (1 + relative ** np.float32(-self.steepness)) < 1
-            intensity = np.clip(np.float32(self.gain) * power * squared, 0, 1)
-        return intensity, kept
+        """Intensity (N,) and whether each ray returns; range inf is a ray that hit nothing."""
+        received = power * np.exp(rng.standard_normal(len(power), dtype=np.float32) * np.float32(self.fluctuation))
+        kept = received > 0.1 / self.reach_m**2
+        squared = np.square(np.where(kept, range_m, np.float32(0.0)))
+        return np.minimum(np.float32(self.gain) * received * squared, np.float32(1.0)), kept
 
 
 Returns = CarlaReturns | MeasuredReturns
 
 
 def received_power(world: World, hits: Hits, rays: Float32Array) -> Float32Array:
-    """Power (N,) that comes back along unit rays (N, 3), without the sensor's constants; 0 where nothing was hit."""
-    reflectivity = reflectivity_table()[world.surfaces(hits)]
-    power: Float32Array = _power(hits.distance, hits.normal, rays, reflectivity)
+    """Power (N,) that comes back along unit rays (N, 3), without the sensor's constants; 0 where nothing was hit.
+
+    Power = reflectivity x shape / range^2, the LiDAR equation of a target that fills the beam (Winiwarter et al.,
+    Virtual laser scanning with HELIOS++, Remote Sensing of Environment 269, 2022). Its shape is that of Oren and Nayar
+    (Generalization of Lambert's reflectance model, SIGGRAPH 1994, qualitative model) where light comes from: with
+    incidence t, A cos t + B sin^2 t. A matt plane would darken towards the horizon; real roads do not.
+    """
+    power: Float32Array = _power(hits.distance, hits.normal, rays, reflectivity_table()[world.surfaces(hits)])
     return power
 
 
@@ -139,8 +143,9 @@ def _power(
     distance: Float32Array, normal: Float32Array, rays: Float32Array, reflectivity: Float32Array
 ) -> Float32Array:
     power = np.zeros(len(rays), dtype=np.float32)
+    cosine = cos_incidence(normal, rays)
     for i in range(len(rays)):
         if np.isfinite(distance[i]) and distance[i] > 0:
-            dot = rays[i, 0] * normal[i, 0] + rays[i, 1] * normal[i, 1] + rays[i, 2] * normal[i, 2]
-            power[i] = reflectivity[i] * abs(dot) / (distance[i] * distance[i])
+            shape = MATT_SHARE * cosine[i] + ROUGH_SHARE * (1 - cosine[i] * cosine[i])
+            power[i] = reflectivity[i] * shape / (distance[i] * distance[i])
     return power

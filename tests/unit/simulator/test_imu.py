@@ -101,6 +101,10 @@ def test_noise_and_bias_are_as_wide_as_stated() -> None:
 
 
 def test_impossible_units_are_refused() -> None:
-    for fields in ({"rate_hz": 0.0}, {"gyroscope_sd_radps": (0, -1, 0)}, {"gyroscope_bias_radps": (math.nan, 0, 0)}):
+    for fields in (
+        {"accelerometer_sd_mps2": (0, 0, math.inf)},
+        {"gyroscope_sd_radps": (0, -1, 0)},
+        {"gyroscope_bias_radps": (math.nan, 0, 0)},
+    ):
         with pytest.raises(ValueError, match="inertial unit"):
             ImuModel(**fields)  # type: ignore[arg-type]
