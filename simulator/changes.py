@@ -6,9 +6,14 @@ from bisect import bisect_right
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
+import numpy as np
+from numpy.typing import NDArray
+
 from simulator.readings import ObstacleTruth
-from simulator.street import PlacedObstacle, Street
+from simulator.street import GeoReference, PlacedObstacle, Street
 from simulator.world import World
+
+FloatArray = NDArray[np.float64]
 
 APPEARED, GROWN, REMOVED = "appeared", "grown", "removed"
 
@@ -71,6 +76,16 @@ class Worlds:
         self._times = [change.time_s for change in changing.changes]
         self._count = -1
         self._world: World | None = None
+
+    @property
+    def georeference(self) -> GeoReference:
+        """Where the street lies on the earth."""
+        return self._changing.street.georeference
+
+    @property
+    def enu_from_street(self) -> FloatArray:
+        """(4, 4), the same at all times."""
+        return self._changing.street.enu_from_street
 
     def at(self, time_s: float) -> World:
         """The world as it is at a time."""

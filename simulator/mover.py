@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
 from simulator.motion import Motion
@@ -65,10 +67,13 @@ class MovingScene:
     def __init__(self, mover: Mover, scene: RayScene, first_part: int) -> None:
         self.mover = mover
         self._scene, self._first_part = scene, first_part
+        self._latest = (math.nan, np.eye(4))
 
-    def poses(self, time_s: FloatArray) -> FloatArray:
-        """`street_from_mover` (N, 4, 4)."""
-        return self.mover.motion.poses(time_s)
+    def pose(self, time_s: float) -> FloatArray:
+        """`street_from_mover` (4, 4); a picture asks for the same time in each of its bands."""
+        if self._latest[0] != time_s:
+            self._latest = (time_s, self.mover.motion.poses(np.array([time_s]))[0])
+        return self._latest[1]
 
     def cast(self, rays: Rays, before: Float32Array) -> NearerHits | None:
         """Hits nearer than `before` (N,), None where there are none."""
@@ -94,12 +99,9 @@ class MovingScene:
 
     def hides(self, points_m: Float32Array, direction: Float32Array, time_s: float) -> NDArray[np.intp]:
         """Indices of the points (N, 3) whose way along a unit direction this mover blocks."""
-        pose = self.poses(np.array([time_s]))[0]
-        to_middle = (pose[:3, 3] + self.mover.model.middle_m * pose[:3, 2]).astype(np.float32) - points_m
-        along = to_middle @ direction
-        across = np.einsum("ij,ij->i", to_middle, to_middle) - along * along
-        radius = self.mover.model.radius_m
-        index = np.flatnonzero((along > -radius) & (across < radius**2))
+        pose = self.pose(time_s)
+        middle = (pose[:3, 3] + self.mover.model.middle_m * pose[:3, 2]).astype(np.float32)
+        index = _within(points_m, direction, middle, np.float32(self.mover.model.radius_m))
         if not index.size:
             return index
         inverse = np.linalg.inv(pose)[None].astype(np.float32)
@@ -108,11 +110,12 @@ class MovingScene:
 
     def _towards(self, rays: Rays) -> NDArray[np.intp]:
         """Indices of the rays that may meet the mover's ball on its way."""
-        ends = self.poses(rays.span_s)
+        early, late = rays.span_s
+        ends = self.pose(early)[None] if early == late else self.mover.motion.poses(rays.span_s)
         middles = ends[:, :3, 3] + self.mover.model.middle_m * ends[:, :3, 2]
         to_middle = middles.mean(axis=0) - rays.middle_m
         distance = float(np.linalg.norm(to_middle))
-        radius = self.mover.model.radius_m + float(np.linalg.norm(middles[1] - middles[0])) / 2 + rays.spread_m
+        radius = self.mover.model.radius_m + float(np.linalg.norm(middles[-1] - middles[0])) / 2 + rays.spread_m
         if distance > SEEN_WITHIN_M:
             return np.empty(0, dtype=np.intp)
         if distance <= radius:
@@ -123,9 +126,25 @@ class MovingScene:
     def _inverses(self, time_s: FloatArray, index: NDArray[np.intp]) -> Float32Array:
         """`mover_from_street` at the time of each ray (N, 4, 4), or one (1, 4, 4) for all."""
         if len(time_s) == 1:
-            return np.linalg.inv(self.poses(time_s)).astype(np.float32)
+            return np.linalg.inv(self.pose(time_s[0])[None]).astype(np.float32)
         times, which = np.unique(time_s[index], return_inverse=True)
-        return np.asarray(np.linalg.inv(self.poses(times)).astype(np.float32)[which])
+        return np.asarray(np.linalg.inv(self.mover.motion.poses(times)).astype(np.float32)[which])
+
+
+@njit(cache=True, nogil=True)
+def _within(
+    points_m: Float32Array, direction: Float32Array, middle_m: Float32Array, radius_m: np.float32
+) -> NDArray[np.intp]:
+    """Indices of the points (N, 3) from which a half-line along a unit direction passes a ball."""
+    found = np.empty(len(points_m), dtype=np.intp)
+    count = 0
+    for i in range(len(points_m)):
+        x, y, z = middle_m[0] - points_m[i, 0], middle_m[1] - points_m[i, 1], middle_m[2] - points_m[i, 2]
+        along = x * direction[0] + y * direction[1] + z * direction[2]
+        if along > -radius_m and x * x + y * y + z * z - along * along < radius_m * radius_m:
+            found[count] = i
+            count += 1
+    return found[:count]
 
 
 def _moved(

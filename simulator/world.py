@@ -112,9 +112,8 @@ class World:
 
     def part_from_street(self, time_s: float) -> Float32Array:
         """Frames of all parts (P, 4, 4) at a time."""
-        now = np.array([time_s])
         moved = [
-            moving.poses(now)[0] @ part.street_from_part for moving in self._moving for part in moving.mover.model.parts
+            moving.pose(time_s) @ part.street_from_part for moving in self._moving for part in moving.mover.model.parts
         ]
         return np.linalg.inv(np.concatenate([self._still, *(pose[None] for pose in moved)])).astype(np.float32)
 
