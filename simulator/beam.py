@@ -46,18 +46,23 @@ class Beam:
 
 @dataclass(frozen=True, slots=True)
 class Shots:
-    """The rays of a turn, frame `street`: (N, 3) origins and unit directions by column, then ring; times (N,)."""
+    """The rays of a turn, frame `street`: (N, 3) origins and unit directions by column, then ring; times (N,).
+
+    Nothing beyond `range_m` is looked at.
+    """
 
     origins_m: Float32Array
     rays: Float32Array
     time_s: FloatArray
     channels: int
+    range_m: float
     ignored_mover: int
 
 
 def spread(world: World, beam: Beam, shots: Shots, hits: Hits, power: Float32Array) -> tuple[Hits, Float32Array]:
     """Hits and received power (N,) of beams with a width, from those of their central rays."""
-    edges = np.flatnonzero(_at_edges(shots.origins_m, shots.rays, hits.distance, hits.normal, shots.channels))
+    within = np.where(hits.distance <= shots.range_m, hits.distance, np.float32(np.inf))
+    edges = np.flatnonzero(_at_edges(shots.origins_m, shots.rays, within, hits.normal, shots.channels))
     if not len(edges):
         return hits, power
     origins = np.repeat(shots.origins_m[edges], SUB_RAYS, axis=0)
@@ -151,15 +156,22 @@ def _strongest_echo(
     power = np.zeros(count, dtype=np.float32)
     winner = np.full(count, -1, dtype=np.intp)
     distance, strength = np.empty(SUB_RAYS + 1), np.empty(SUB_RAYS + 1)
+    order = np.empty(SUB_RAYS + 1, dtype=np.intp)
     for i in range(count):
         distance[0], strength[0] = centre_m[i], centre_power[i] * CENTRE_WEIGHT
         for k in range(SUB_RAYS):
             distance[k + 1] = rim_m[i * SUB_RAYS + k]
             strength[k + 1] = rim_power[i * SUB_RAYS + k] * RIM_WEIGHT
-        order = np.argsort(distance)
+        for k in range(SUB_RAYS + 1):  # insertion: seven values are too few for a sort that allocates
+            place = k
+            while place > 0 and distance[order[place - 1]] > distance[k]:
+                order[place] = order[place - 1]
+                place -= 1
+            order[place] = k
         total = mean = best = last = 0.0
         best_ray = -1
-        for k in order:
+        for step in range(SUB_RAYS + 1):
+            k = int(order[step])
             if not math.isfinite(distance[k]):
                 break
             if total > 0 and distance[k] - last > apart_m:

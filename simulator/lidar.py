@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from simulator.beam import Beam, Shots, spread
 from simulator.motion import Motion
 from simulator.readings import Sweep
-from simulator.returns import CarlaReturns, Returns, cos_incidence, received_power
+from simulator.returns import CarlaReturns, Returns, received_power
 
 if TYPE_CHECKING:
     from simulator.world import Hits, World
@@ -116,7 +116,9 @@ def measure(
     origins, rays = _rays(azimuth, elevation, height_m, street_from_sensor)
     noise_m = rng.standard_normal(len(rays), dtype=np.float32) * np.float32(lidar.range_sd_m)
 
-    shots = Shots(origins, rays, np.repeat(end_s + offset_s, lidar.channels), lidar.channels, ignored_mover)
+    shots = Shots(
+        origins, rays, np.repeat(end_s + offset_s, lidar.channels), lidar.channels, lidar.range_m, ignored_mover
+    )
     hits = world.cast(origins, rays, shots.time_s, ignored_mover)
     power = received_power(world, hits, rays)
     if lidar.beam is not None:
@@ -125,24 +127,43 @@ def measure(
     kept &= (hits.distance >= lidar.near_m) & (hits.distance <= lidar.range_m)
 
     index = np.flatnonzero(kept)
-    hits, rays = _taken(hits, index), rays[index]
     column, ring = np.divmod(index, lidar.channels)
     error_m = noise_m[index] + lidar.range_biases_m[ring]
+    hit_m, cosine = _arrivals(index, origins, rays, hits.distance, hits.normal)
+    hits = _taken(hits, index)
     return Sweep(
         points_m=_points(column, ring, hits.distance + error_m, azimuth, elevation, height_m),
         ring=ring.astype(np.uint16),
         azimuth_rad=azimuth.astype(np.float32)[column],
         time_offset_s=offset_s.astype(np.float32)[column],
         intensity=intensity[index],
-        cos_incidence=cos_incidence(hits.normal, rays),
+        cos_incidence=cosine,
         surface=world.surfaces(hits),
-        obstacle_id=world.obstacle_ids(hits, origins[index] + rays * hits.distance[:, None]),
+        obstacle_id=world.obstacle_ids(hits, hit_m),
         mover_id=hits.mover,
     )
 
 
 def _taken(hits: Hits, index: NDArray[np.intp]) -> Hits:
-    return replace(hits, **{column.name: getattr(hits, column.name)[index] for column in fields(hits)})
+    # `take` gathers rows several times as fast as an index in brackets does.
+    return replace(hits, **{column.name: getattr(hits, column.name).take(index, axis=0) for column in fields(hits)})
+
+
+@njit(cache=True, nogil=True)
+def _arrivals(
+    index: NDArray[np.intp], origins: Float32Array, rays: Float32Array, distance: Float32Array, normal: Float32Array
+) -> tuple[FloatArray, Float32Array]:
+    """Where the rays of an index arrive (n, 3), frame `street`, and the cosines of their angles of incidence (n,)."""
+    hit_m = np.empty((len(index), 3))
+    cosine = np.empty(len(index), dtype=np.float32)
+    for row in range(len(index)):
+        i = index[row]
+        dot = np.float32(0.0)
+        for axis in range(3):
+            hit_m[row, axis] = origins[i, axis] + rays[i, axis] * distance[i]
+            dot += rays[i, axis] * normal[i, axis]
+        cosine[row] = min(abs(dot), np.float32(1.0))
+    return hit_m, cosine
 
 
 @njit(cache=True, nogil=True)

@@ -44,6 +44,10 @@ REFLECTIVITY: dict[Surface, float] = {
     Surface.POLE: 0.35,
     Surface.DEBRIS: 0.40,
     Surface.HILL: 0.45,
+    Surface.PEDESTRIAN: 0.35,
+    Surface.WATER: 0.02,
+    Surface.MANHOLE: 0.12,
+    Surface.ROAD_MARK: 0.60,
 }
 
 
@@ -129,23 +133,14 @@ def received_power(world: World, hits: Hits, rays: Float32Array) -> Float32Array
 
 
 @njit(cache=True, nogil=True)
-def cos_incidence(normal: Float32Array, rays: Float32Array) -> Float32Array:
-    """Cosine (N,) of the angle between unit normals (N, 3), of either side, and unit rays (N, 3)."""
-    cosine = np.empty(len(rays), dtype=np.float32)
-    for i in range(len(rays)):
-        dot = rays[i, 0] * normal[i, 0] + rays[i, 1] * normal[i, 1] + rays[i, 2] * normal[i, 2]
-        cosine[i] = min(abs(dot), np.float32(1.0))
-    return cosine
-
-
-@njit(cache=True, nogil=True)
 def _power(
     distance: Float32Array, normal: Float32Array, rays: Float32Array, reflectivity: Float32Array
 ) -> Float32Array:
     power = np.zeros(len(rays), dtype=np.float32)
-    cosine = cos_incidence(normal, rays)
     for i in range(len(rays)):
         if np.isfinite(distance[i]) and distance[i] > 0:
-            shape = MATT_SHARE * cosine[i] + ROUGH_SHARE * (1 - cosine[i] * cosine[i])
+            dot = rays[i, 0] * normal[i, 0] + rays[i, 1] * normal[i, 1] + rays[i, 2] * normal[i, 2]
+            cosine = min(abs(dot), np.float32(1.0))
+            shape = MATT_SHARE * cosine + ROUGH_SHARE * (1 - cosine * cosine)
             power[i] = reflectivity[i] * shape / (distance[i] * distance[i])
     return power

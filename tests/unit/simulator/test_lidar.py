@@ -4,10 +4,16 @@ import dataclasses
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.special import ndtr
 
-from simulator.lidar import LidarModel, azimuths
+from simulator.beam import Beam, _strongest_echo
+from simulator.lidar import Laser, LidarModel, azimuths
+from simulator.lidar_presets import LIDAR_PRESETS
 from simulator.mesh import pose
 from simulator.motion import Standing
+from simulator.returns import REFLECTIVITY, CarlaReturns, MeasuredReturns, reflectivity_table
 from simulator.scenery import Surface
 from simulator.street import Street, fill, first_light_street
 from simulator.world import World
@@ -115,3 +121,164 @@ def test_a_street_without_obstacles_can_be_scanned() -> None:
     sweep = World(Street(seed=1)).sweep(LidarModel(), Standing(pose(10.0, 0.0, 2.4)), 0.0, np.random.default_rng(0))
     assert not sweep.obstacle_id.any()
     assert len(sweep.points_m) > 10_000
+
+
+FLAT = LidarModel(range_sd_m=0.0, rolling=True, rate_hz=10.0, points_per_second=200_000)
+
+
+@dataclasses.dataclass(frozen=True)
+class Passing:
+    """A sensor that moves along the street at a constant speed and is at `STREET_FROM_SENSOR` at time 0."""
+
+    speed_mps: float
+
+    def poses(self, time_s: np.ndarray) -> np.ndarray:
+        poses = np.tile(STREET_FROM_SENSOR, (len(time_s), 1, 1))
+        poses[:, 0, 3] += self.speed_mps * time_s
+        return poses
+
+
+@pytest.mark.parametrize("clockwise", [True, False])
+@given(phase=st.floats(0, 0.999))
+def test_a_turn_begins_and_ends_behind_the_car_and_goes_once_round(clockwise: bool, phase: float) -> None:
+    lidar = LidarModel(clockwise=clockwise)
+    azimuth, step = azimuths(lidar, phase), 2 * np.pi / lidar.columns
+    assert np.diff(azimuth) == pytest.approx(np.full(lidar.columns - 1, -step if clockwise else step))
+    assert np.abs(azimuth[[0, -1]]).min() >= np.pi - step - 1e-9
+    assert np.abs(azimuth).max() <= np.pi
+
+
+def test_times_lie_before_the_stamp_and_the_last_column_at_it(world: World) -> None:
+    sweep = world.sweep(FLAT, Standing(STREET_FROM_SENSOR), 5.0, np.random.default_rng(0))
+    assert sweep.time_offset_s.max() == 0
+    assert -0.1 < sweep.time_offset_s.min() < -0.099
+    assert (np.diff(sweep.time_offset_s) >= 0).all()
+    at_once = world.sweep(EXACT, Standing(STREET_FROM_SENSOR), 5.0, np.random.default_rng(0))
+    assert not at_once.time_offset_s.any()
+
+
+def test_a_moving_sensor_distorts_its_turn_as_each_columns_own_place_says(world: World) -> None:
+    motion = Passing(15.0)
+    sweep = world.sweep(FLAT, motion, 2.0, np.random.default_rng(0))
+    poses = motion.poses(2.0 + sweep.time_offset_s.astype(np.float64))
+    points = (poses[:, :3, :3] @ sweep.points_m[:, :, None])[:, :, 0] + poses[:, :3, 3]
+    road = (sweep.surface == Surface.ROAD) & (sweep.obstacle_id == 0)
+    height = points[road, 2] - world.street.sound_height(points[road, 0], points[road, 1])
+    assert np.abs(height).max() < 0.03
+    # As if all were fired at the end: what lies on the road's wall moves by the way driven since.
+    late = points[:, 0] - (poses[-1, :3, :3] @ sweep.points_m.T)[0] - poses[-1, 0, 3]
+    assert late.min() == pytest.approx(15.0 * sweep.time_offset_s.min(), abs=1e-3)
+
+
+@pytest.mark.parametrize("name", ["hdl64", "hdl32"])
+def test_points_lie_on_their_lasers_cones(world: World, name: str) -> None:
+    lidar = LIDAR_PRESETS[name]()
+    sweep = world.sweep(lidar, Standing(STREET_FROM_SENSOR), 0.0, np.random.default_rng(0))
+    points = sweep.points_m.astype(np.float64)
+    above = points[:, 2] - lidar.heights_m[sweep.ring]
+    elevation = np.arctan2(above, np.hypot(points[:, 0], points[:, 1]))
+    assert elevation == pytest.approx(lidar.elevations_rad[sweep.ring], abs=1e-5)
+    assert (np.diff(lidar.elevations_rad) > 0).all()
+    assert len(np.unique(sweep.ring)) == lidar.channels
+
+
+def test_what_is_reported_agrees_with_the_truth_beside_it(world: World) -> None:
+    sweep = world.sweep(LIDAR_PRESETS["hdl64"](), Standing(STREET_FROM_SENSOR), 0.0, np.random.default_rng(0))
+    assert ((sweep.intensity >= 0) & (sweep.intensity <= 1)).all()
+    assert ((sweep.cos_incidence >= 0) & (sweep.cos_incidence <= 1)).all()
+    assert Surface.NOTHING not in sweep.surface
+    road = (sweep.surface == Surface.ROAD) & (sweep.obstacle_id == 0)
+    flat = -sweep.points_m[road, 2] / np.linalg.norm(sweep.points_m[road], axis=1)
+    assert np.median(np.abs(sweep.cos_incidence[road] - flat)) < 0.06  # the sensor is tilted by 0.02 rad
+    hole = world.street.obstacle(1)
+    inside = in_street(sweep.points_m)[sweep.obstacle_id == 1]
+    assert len(inside) > 50
+    assert hole.covers(inside[:, 0], inside[:, 1]).mean() > 0.95
+
+
+def test_a_beam_at_an_edge_reports_a_surface_or_a_mixture_of_near_ones(world: World) -> None:
+    line = dataclasses.replace(EXACT, channels=64, points_per_second=3_000_000)
+    wide = dataclasses.replace(line, beam=Beam(divergence_rad=0.003, echo_separation_m=0.75))
+    one = world.sweep(line, Standing(STREET_FROM_SENSOR), 0.0, np.random.default_rng(0))
+    other = world.sweep(wide, Standing(STREET_FROM_SENSOR), 0.0, np.random.default_rng(0))
+    both = {(a, b): i for i, (a, b) in enumerate(zip(one.azimuth_rad, one.ring, strict=True))}
+    pairs = np.array(
+        [(both[key], j) for j, key in enumerate(zip(other.azimuth_rad, other.ring, strict=True)) if key in both]
+    )
+    ranges = [np.linalg.norm(s.points_m[k], axis=1) for s, k in zip((one, other), pairs.T, strict=True)]
+    apart = np.abs(ranges[1] - ranges[0])
+    assert (apart < 0.002).mean() > 0.9
+    mixed = (apart > 0.01) & (apart < 0.75)
+    jumped = apart > 0.75
+    assert mixed.sum() > 50
+    assert jumped.sum() > 20
+    assert (jumped.mean(), mixed.mean()) < (0.02, 0.05)
+
+
+def test_the_strongest_of_two_far_echoes_is_reported_and_near_ones_are_averaged() -> None:
+    rim = np.full(6, 10.4, dtype=np.float32)
+    power = np.full(1, 1.0, dtype=np.float32)
+    for apart_m, expected in ((0.75, 10.2), (0.3, 10.0)):
+        range_m, strength, winner = _strongest_echo(
+            np.array([10.0], dtype=np.float32), power * 1.2, rim, np.repeat(power, 6), apart_m
+        )
+        assert range_m[0] == pytest.approx(expected, abs=0.03)
+        assert strength[0] == pytest.approx(1.1 if apart_m == 0.75 else 0.6)
+        assert winner[0] == -1
+    nothing = np.full(1, np.inf, dtype=np.float32)
+    range_m, strength, winner = _strongest_echo(nothing, power * 0, rim, np.repeat(power, 6), 0.75)
+    assert range_m[0] == pytest.approx(10.4)
+    assert strength[0] == pytest.approx(0.5)
+    assert 0 <= winner[0] < 6
+    range_m, strength, _ = _strongest_echo(nothing, power * 0, np.repeat(nothing, 6), np.repeat(power * 0, 6), 0.75)
+    assert np.isinf(range_m[0])
+    assert strength[0] == 0
+
+
+def test_carlas_dropoff_loses_the_stated_shares() -> None:
+    near, far = np.full(40_000, 10.0, dtype=np.float32), np.full(40_000, 90.0, dtype=np.float32)
+    returns = CarlaReturns(0.004, general_dropoff=0.2, dropoff_intensity_limit=0.8, zero_intensity_dropoff=0.5)
+    for range_m, passed in ((near, 0.8), (far, 0.8 * (0.5 + 0.5 / 0.8 * np.exp(-0.36)))):
+        intensity, kept = returns.receive(range_m, range_m, np.random.default_rng(0))
+        assert intensity[0] == pytest.approx(np.exp(-0.004 * range_m[0]))
+        assert kept.mean() == pytest.approx(passed, abs=0.01)
+    assert CarlaReturns().receive(far, far, np.random.default_rng(0))[1].all()
+
+
+@given(reflectivity=st.floats(0.02, 1), range_m=st.floats(1, 200))
+def test_a_target_is_seen_half_of_the_time_at_the_reach_that_its_reflectivity_gives(
+    reflectivity: float, range_m: float
+) -> None:
+    returns = MeasuredReturns(reach_m=50.0, fluctuation=0.5, gain=1.0)
+    ranges = np.full(4_000, range_m, dtype=np.float32)
+    power = np.full(4_000, reflectivity / range_m**2, dtype=np.float32)
+    intensity, kept = returns.receive(ranges, power, np.random.default_rng(0))
+    reach_m = 50 * np.sqrt(reflectivity / 0.1)
+    expected = ndtr(2 * np.log(reach_m / range_m) / 0.5)
+    assert kept.mean() == pytest.approx(expected, abs=0.04)
+    if kept.all() and reflectivity < 0.1:
+        assert np.median(intensity) == pytest.approx(reflectivity, rel=0.05)
+
+
+def test_every_surface_but_nothing_gives_something_back() -> None:
+    table = reflectivity_table()
+    assert table[Surface.NOTHING] == 0
+    assert (table[1:] > 0).all()
+    assert set(Surface) == set(REFLECTIVITY)
+
+
+@pytest.mark.parametrize(
+    "fields",
+    [
+        {"channels": 0},
+        {"rate_hz": 0.0},
+        {"range_m": -1.0},
+        {"near_m": 200.0},
+        {"range_sd_m": np.nan},
+        {"points_per_second": 10},
+        {"lasers": (Laser(0.0),)},
+    ],
+)
+def test_impossible_sensors_are_refused(fields: dict[str, object]) -> None:
+    with pytest.raises(ValueError, match="LiDAR"):
+        LidarModel(**fields)  # type: ignore[arg-type]
