@@ -7,6 +7,7 @@ import typer
 from headsup.demo.command import demo
 from headsup.detect_command import detect_files
 from headsup.server_commands import db_app, keys_app, serve
+from headsup.simulate.app import simulate_app
 
 OUR_PACKAGES = ("contract", "detector", "vehicle_client", "server", "simulator", "headsup", "migrations")
 
@@ -19,6 +20,7 @@ app = typer.Typer(
 app.command("demo")(demo)
 app.command("detect")(detect_files)
 app.command("serve")(serve)
+app.add_typer(simulate_app, name="simulate")
 app.add_typer(keys_app, name="keys")
 app.add_typer(db_app, name="db")
 

@@ -1,0 +1,1 @@
+"""`headsup simulate`: the dataset generator's commands."""

@@ -1,0 +1,12 @@
+"""The group of commands."""
+
+from __future__ import annotations
+
+import typer
+
+from headsup.simulate.drive_command import drive
+
+simulate_app = typer.Typer(
+    help="Make data: potholes, streets and drives with exact truth.", no_args_is_help=True, rich_markup_mode=None
+)
+simulate_app.command("drive")(drive)
