@@ -63,11 +63,15 @@ OBSTACLE_OBJECTS_FROM = 1_000_000
 """In semantic sweeps an obstacle's object index is its number plus this; below it are the numbers of moving things."""
 
 
+TAGS_FROM = 128
+"""A surface value from here on is CARLA's tag plus this: what a CARLA server says, which has more tags than we."""
+
+
 def semantic_tags(surface: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """CARLA's tag of each `Surface` value; `KeyError` for a surface without one."""
+    """CARLA's tag of each `Surface` value; `ValueError` for a number that is none."""
     values = np.unique(surface)
     table = np.zeros(256, dtype=np.uint8)
-    table[values] = [TAG_OF_SURFACE[Surface(value)] for value in values]
+    table[values] = [TAG_OF_SURFACE[Surface(v)] if v < TAGS_FROM else v - TAGS_FROM for v in values.tolist()]
     return table[surface]
 
 

@@ -127,8 +127,12 @@ def test_tags_follow_the_table() -> None:
     surface = np.array([Surface.ROAD, Surface.CAR, Surface.NOTHING, Surface.PAVEMENT], dtype=np.uint8)
     assert semantic_tags(surface).tolist() == [1, 14, 11, 2]
     assert semantic_tags(surface.reshape(2, 2)).shape == (2, 2)
-    with pytest.raises(ValueError, match="250"):
-        semantic_tags(np.array([250], dtype=np.uint8))
+    with pytest.raises(ValueError, match="120"):
+        semantic_tags(np.array([120], dtype=np.uint8))
+
+
+def test_what_a_carla_server_calls_a_surface_stays_as_it_is() -> None:
+    assert semantic_tags(np.array([128 + 15, 128 + 28], dtype=np.uint8)).tolist() == [15, 28]
 
 
 def test_the_object_of_a_point_is_the_moving_thing_before_the_obstacle() -> None:

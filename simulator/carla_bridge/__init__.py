@@ -1,0 +1,1 @@
+"""Recordings from a running CARLA server. The only part of the simulator that talks to one."""
