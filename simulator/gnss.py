@@ -35,7 +35,7 @@ class GnssModel:
 
     The process keeps `bias_sd_m` at all times and forgets with exp(-t / bias_time_s): orbit, clock, atmosphere and
     multipath (Rankin, An error model for sensor simulation: GPS and differential GPS, IEEE PLANS 1994). The values
-    agree with a phone-grade receiver against a refined trajectory (docs/sensors.md). Outages begin at random, on
+    agree with a consumer receiver against a refined trajectory (docs/sensors.md). Outages begin at random, on
     average `outage_every_s` after the last one ended, and last `outage_lasts_s` on average.
     """
 
