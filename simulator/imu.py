@@ -27,14 +27,18 @@ STEP_S = 0.002
 
 @dataclass(frozen=True, slots=True)
 class ImuModel:
-    """White noise and constant bias of each axis, frame of the sensor; none by default, as in CARLA."""
+    """White noise and constant bias of each axis, frame of the sensor; none by default, as in CARLA.
+
+    CARLA's compass is exact; `compass_sd_rad` is ours.
+    """
 
     accelerometer_sd_mps2: Axes = (0.0, 0.0, 0.0)
     gyroscope_sd_radps: Axes = (0.0, 0.0, 0.0)
     gyroscope_bias_radps: Axes = (0.0, 0.0, 0.0)
+    compass_sd_rad: float = 0.0
 
     def __post_init__(self) -> None:
-        deviations = (*self.accelerometer_sd_mps2, *self.gyroscope_sd_radps)
+        deviations = (*self.accelerometer_sd_mps2, *self.gyroscope_sd_radps, self.compass_sd_rad)
         if not all(0 <= value < math.inf for value in deviations):
             raise ValueError("an inertial unit's deviations are not negative")
         if not all(map(math.isfinite, self.gyroscope_bias_radps)):
@@ -57,6 +61,7 @@ class ImuUnit:
         force = force + self.rng.standard_normal(force.shape) * self.model.accelerometer_sd_mps2
         rate = rate + self.rng.standard_normal(rate.shape) * self.model.gyroscope_sd_radps
         rate += self.model.gyroscope_bias_radps
+        heading = (heading + self.rng.standard_normal(heading.shape) * self.model.compass_sd_rad) % (2 * math.pi)
         for time_s, one_force, one_rate, one_heading in zip(times_s, force, rate, heading, strict=True):
             yield ImuReading(self.sensor, float(time_s), one_force, one_rate, float(one_heading))
 

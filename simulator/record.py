@@ -79,7 +79,7 @@ _written: SynchronizedArray[int] | None = None
 
 
 def _share(written: SynchronizedArray[int]) -> None:
-    global _written  # noqa: PLW0603 (a process pool's way to hand its workers what cannot be pickled)
+    global _written
     _written = written
 
 

@@ -208,7 +208,7 @@ class Gnss(_Sensor):
 
 
 class Imu(_Sensor):
-    """`sensor.other.imu`; CARLA's axes have y to the right, ours to the left."""
+    """`sensor.other.imu`; CARLA's axes have y to the right, ours to the left. The compass' noise, degrees, is ours."""
 
     type: Literal["sensor.other.imu"]
     noise_accel_stddev_x: NotNegative = 0.0
@@ -220,6 +220,7 @@ class Imu(_Sensor):
     noise_gyro_stddev_x: NotNegative = 0.0
     noise_gyro_stddev_y: NotNegative = 0.0
     noise_gyro_stddev_z: NotNegative = 0.0
+    headsup_compass_stddev: NotNegative = 0.0
 
     def model(self) -> ImuModel:
         """How wrong it is."""
@@ -228,6 +229,7 @@ class Imu(_Sensor):
             (self.noise_accel_stddev_x, self.noise_accel_stddev_y, self.noise_accel_stddev_z),
             (self.noise_gyro_stddev_x, self.noise_gyro_stddev_y, self.noise_gyro_stddev_z),
             (-self.noise_gyro_bias_x, self.noise_gyro_bias_y, -self.noise_gyro_bias_z),
+            math.radians(self.headsup_compass_stddev),
         )
 
 

@@ -82,6 +82,7 @@ def _with_real(preset: str, height_m: float) -> list[Entry]:
             "noise_gyro_stddev_x": 0.0017,
             "noise_gyro_stddev_y": 0.0017,
             "noise_gyro_stddev_z": 0.0017,
+            "headsup_compass_stddev": 0.3,
         },
     ]
 

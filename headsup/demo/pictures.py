@@ -14,7 +14,7 @@ from detector.pipeline import detect
 from headsup.demo.problem import DemoError
 from headsup.demo.simulated import camera_calibration
 from simulator.camera import CameraModel
-from simulator.drive import DriveSample
+from simulator.readings import EgoFrame
 from simulator.world import World
 from vehicle_client.alerts import Hazard, Stage
 from vehicle_client.ar.renderer import draw
@@ -99,18 +99,16 @@ class Album:
         self.stills: dict[str, str] = {}
         """Caption by file name, in the order taken."""
 
-    def consider(
-        self, car: str, step: Step, calibration: VehicleCalibration, world: World, sample: DriveSample
-    ) -> None:
+    def consider(self, car: str, step: Step, calibration: VehicleCalibration, world: World, moment: EgoFrame) -> None:
         """Take the stills whose moment this is."""
         due = [m for m in MOMENTS if m.car == car and f"{m.name}.png" not in self.stills and m.when(step)]
         if not due:
             return
-        image = world.render(STILL, sample.street_from_vehicle, SUPERSAMPLE)
+        image = world.render(STILL, moment.street_from_vehicle, SUPERSAMPLE)
         camera = camera_calibration(STILL)
-        for moment in due:
-            self._keep(moment.name, moment.caption, draw(driver_scene(step, calibration, camera, moment.car), image))
-            if moment.name == "ego2-recognition":
+        for still in due:
+            self._keep(still.name, still.caption, draw(driver_scene(step, calibration, camera, still.car), image))
+            if still.name == "ego2-recognition":
                 self._keep_sensor_views(step, calibration, camera, image)
 
     def _keep_sensor_views(

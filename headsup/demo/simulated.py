@@ -2,48 +2,99 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 
+import numpy as np
+
 from simulator.camera import CameraModel
-from simulator.drive import Drive, DrivePlan, DriveSample
+from simulator.changes import ChangingStreet, Worlds
+from simulator.drive import Drive
+from simulator.gnss import GnssModel
+from simulator.imu import ImuModel
+from simulator.lidar import LidarModel
+from simulator.mesh import pose
+from simulator.readings import EgoFrame, GnssReading, ImuReading, LidarReading, SensorName
+from simulator.scenario import Ego
+from simulator.sensor_config import RigSensor, SensorRig
+from simulator.street import DRAWN_BEYOND_M, LANE_CENTRE_M
+from simulator.trajectory import Sway, Trajectory, path_beside
+from simulator.world import World
 from vehicle_client.calibration import CameraCalibration, VehicleCalibration
 from vehicle_client.sources.frame import GnssFix, LidarFrame
 
+FRAME_S = 0.1
+"""Of the LiDAR's 30 turns a second, 10 are processed."""
+
+LIDAR_HEIGHT_M = 2.4
+"""The paper's."""
+
 
 class SimulatedSource:
-    """Frames of one drive. `sample` is the moment of the last one, for pictures of the same world."""
+    """Frames of one drive that began at a Unix time. `moment` is the last one's, for pictures of the same world."""
 
-    def __init__(self, drive: Drive) -> None:
-        self._drive = drive
-        self.sample: DriveSample | None = None
+    def __init__(self, drive: Drive, started_s: float) -> None:
+        self._drive, self._started_s = drive, started_s
+        self.moment: EgoFrame | None = None
 
     def __len__(self) -> int:
         return len(self._drive)
 
     def __iter__(self) -> Iterator[LidarFrame]:
-        for sample in self._drive:
-            self.sample = sample
-            yield frame_of(sample)
+        for moment in self._drive:
+            self.moment = moment
+            yield frame_of(moment, self._started_s)
 
 
-def frame_of(sample: DriveSample) -> LidarFrame:
-    """The measurements of a moment; the exact poses and the labels stay behind."""
-    fix = sample.gnss
-    return LidarFrame(
-        stamp_s=sample.stamp_s,
-        points_m=sample.points_m,
-        ring=sample.ring,
-        image=sample.image,
-        odom_from_vehicle=sample.odom_from_vehicle,
-        gnss=GnssFix(fix.position, fix.altitude_m, fix.heading_rad, fix.sd_m, fix.altitude_sd_m),
-        steering_rad=sample.steering_rad,
-        speed_mps=sample.speed_mps,
+def drive_on(world: World, from_x_m: float, to_x_m: float, speed_mps: float, seed: int) -> Drive:
+    """A drive at constant speed along the right lane of a straight street."""
+    seconds = (to_x_m - from_x_m) / speed_mps
+    times = np.linspace(0, seconds, 4)
+    path = path_beside(world.street.main, LANE_CENTRE_M, 1)
+    trajectory = Trajectory(path, times, DRAWN_BEYOND_M + from_x_m + speed_mps * times, Sway(), seed)
+    ego = Ego(trajectory, start_s=0.0, mover=0)
+    worlds = Worlds(ChangingStreet(world.street), lambda _: world)
+    return Drive(worlds, ego, _rig(), seed=seed, seconds=seconds + FRAME_S, tick_s=FRAME_S)
+
+
+def _rig() -> SensorRig:
+    """The paper's LiDAR; a receiver whose antenna's place is already taken out, with one bias a drive; a compass."""
+    lidar, gnss, imu = (SensorName(f"sensor.{kind}", "") for kind in ("lidar.ray_cast", "other.gnss", "other.imu"))
+    receiver = GnssModel((1.0, 1.0, 1.5), noise_sd_m=(0.1, 0.1, 0.15))
+    compass = ImuModel(compass_sd_rad=math.radians(0.3))
+    return SensorRig(
+        (
+            RigSensor(lidar, LidarModel(), pose(0.0, 0.0, LIDAR_HEIGHT_M), 0.0, {}),
+            RigSensor(gnss, receiver, np.eye(4), 0.0, {}),
+            RigSensor(imu, compass, np.eye(4), 0.0, {}),
+        )
     )
 
 
-def calibration_of(plan: DrivePlan) -> VehicleCalibration:
+def frame_of(moment: EgoFrame, started_s: float) -> LidarFrame:
+    """The measurements of a moment; the exact poses and the labels stay behind."""
+    (lidar,) = (r for r in moment.readings if isinstance(r, LidarReading))
+    fixes = [r for r in moment.readings if isinstance(r, GnssReading)]
+    (inertia,) = (r for r in moment.readings if isinstance(r, ImuReading))
+    return LidarFrame(
+        stamp_s=started_s + moment.time_s,
+        points_m=lidar.sweep.points_m,
+        ring=lidar.sweep.ring,
+        odom_from_vehicle=moment.odom_from_vehicle,
+        gnss=fix_of(fixes[-1], inertia) if fixes else None,
+        steering_rad=moment.steering_rad,
+        speed_mps=moment.speed_mps,
+    )
+
+
+def fix_of(reading: GnssReading, inertia: ImuReading) -> GnssFix:
+    """Satellites and compass together, as a receiver with two antennas gives them."""
+    return GnssFix(reading.position, reading.altitude_m, inertia.compass_rad, reading.sd_m, reading.altitude_sd_m)
+
+
+def calibration() -> VehicleCalibration:
     """Where the simulated car carries its LiDAR."""
-    return VehicleCalibration(plan.vehicle_from_sensor, sensor="ray-cast-64")
+    return VehicleCalibration(pose(0.0, 0.0, LIDAR_HEIGHT_M), sensor="ray-cast-64")
 
 
 def camera_calibration(model: CameraModel) -> CameraCalibration:

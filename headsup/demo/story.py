@@ -27,10 +27,10 @@ from headsup.demo.problem import DemoError
 from headsup.demo.record import DriveRecord
 from headsup.demo.report import write_report
 from headsup.demo.server_process import ServerProcess
-from headsup.demo.simulated import SimulatedSource, calibration_of, camera_calibration
+from headsup.demo.simulated import SimulatedSource, calibration, camera_calibration, drive_on
 from headsup.demo.summary import Summary, write_summary
-from simulator.drive import DrivePlan, DriveSample, drive
 from simulator.pothole import Relief
+from simulator.readings import EgoFrame
 from simulator.scan import find_scans, load_scan
 from simulator.street import Street, fill, first_light_street, grow
 from simulator.world import World
@@ -39,9 +39,6 @@ from vehicle_client.link import ServerLink
 
 SPEED_MPS = 50 / 3.6
 """The speed limit of a town."""
-
-EVERY_NTH_SWEEP = 3
-"""Of the LiDAR's 30 turns a second, 10 are processed."""
 
 APPROACH_FROM_M, LONG_APPROACH_FROM_M, END_M = 150.0, 40.0, 304.0
 """ego2 comes from far, to be warned; the others begin 65 m before the first obstacle."""
@@ -138,17 +135,16 @@ def _scans(data: Path) -> Sequence[Relief]:
 
 def _drive(act: Act, stage: Stage, key: str, seed: int) -> DriveRecord:
     started_s = math.floor(time.time() - BACK_S + act.hour * HOUR_S)
-    plan = DrivePlan(act.start_x_m, END_M, SPEED_MPS, seed, started_s, every_nth=EVERY_NTH_SWEEP)
     world = stage.worlds.of(act.street)
-    source = SimulatedSource(drive(world, plan))
-    record = DriveRecord(act.car, act.street, calibration_of(plan), SPEED_MPS)
+    source = SimulatedSource(drive_on(world, act.start_x_m, END_M, SPEED_MPS, seed), started_s)
+    record = DriveRecord(act.car, act.street, calibration(), SPEED_MPS)
     with ServerLink(stage.server.url, key, stage.folder / f"{act.car}.sqlite3") as link:
         vehicle = Vehicle(record.calibration, link, pseudonym=act.car)
         step: Step | None = None
         for frame in stage.reporter.track(source, act.car):
             stage.server.ensure_alive()
             step = vehicle.step(frame)
-            _keep(act, stage, record, step, source.sample, world)
+            _keep(act, stage, record, step, source.moment, world)
         if step is not None:
             record.note_answers(vehicle.finish(step))
     stage.server.ensure_alive()
@@ -157,14 +153,14 @@ def _drive(act: Act, stage: Stage, key: str, seed: int) -> DriveRecord:
     return record
 
 
-def _keep(act: Act, stage: Stage, record: DriveRecord, step: Step, sample: DriveSample | None, world: World) -> None:
-    if sample is None:
+def _keep(act: Act, stage: Stage, record: DriveRecord, step: Step, moment: EgoFrame | None, world: World) -> None:
+    if moment is None:
         return
-    record.note(step, float(sample.street_from_vehicle[0, 3]))
-    stage.album.consider(act.car, step, record.calibration, world, sample)
+    record.note(step, float(moment.street_from_vehicle[0, 3]))
+    stage.album.consider(act.car, step, record.calibration, world, moment)
     if act.filmed and stage.film is not None:
         camera = camera_calibration(CAMERA)
-        stage.film.add(sample.street_from_vehicle, driver_scene(step, record.calibration, camera, act.car))
+        stage.film.add(moment.street_from_vehicle, driver_scene(step, record.calibration, camera, act.car))
 
 
 def _fetch_obstacles(server: ServerProcess, street: Street, key: str) -> ObstacleCollection:
