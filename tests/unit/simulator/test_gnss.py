@@ -54,10 +54,10 @@ def test_many_receivers_spread_as_the_model_states() -> None:
 
 def test_the_bias_is_forgotten_exponentially() -> None:
     model = GnssModel(bias_sd_m=(1, 2, 3), bias_time_s=20.0, noise_sd_m=(0, 0, 0))
-    error = errors(model, np.arange(12_000) * 5.0, 1) / model.bias_sd_m
+    error = errors(model, np.arange(8_000) * 5.0, 1) / model.bias_sd_m
     for lag in (1, 4, 12):
         kept = (error[lag:] * error[:-lag]).mean()
-        assert kept == pytest.approx(math.exp(-lag * 5 / 20), abs=0.06)
+        assert kept == pytest.approx(math.exp(-lag * 5 / 20), abs=0.07)
 
 
 def test_noise_is_white_and_comes_on_top_of_the_bias() -> None:
@@ -75,12 +75,12 @@ def test_the_rate_does_not_change_how_far_the_bias_wanders() -> None:
         np.concatenate(
             [
                 errors(model, np.linspace(0, 5, steps), seed)[[-1]] - errors(model, np.array([0.0]), seed)
-                for seed in range(500)
+                for seed in range(300)
             ]
         )
         for steps in (2, 21)
     ]
-    assert np.std(moved[0]) == pytest.approx(np.std(moved[1]), rel=0.08)
+    assert np.std(moved[0]) == pytest.approx(np.std(moved[1]), rel=0.1)
 
 
 def test_outages_take_the_stated_share_of_the_time() -> None:
@@ -130,7 +130,7 @@ def test_carlas_degrees_become_metres_where_the_receiver_is() -> None:
 @pytest.mark.skipif(not (DATA / "drive_comma").is_dir(), reason="no recorded data here (HEADSUP_DATA)")
 def test_a_minute_of_the_model_is_like_a_minute_of_a_real_receiver() -> None:
     real = _real_errors(DATA / "drive_comma/drive.npz")
-    model = [errors(GnssModel(), np.arange(579) * 0.1, seed) for seed in range(40)]
+    model = [errors(GnssModel(), np.arange(579) * 0.1, seed) for seed in range(24)]
     off = [float(np.median(np.hypot(error[:, 0], error[:, 1]))) for error in model]
     assert np.quantile(off, 0.1) < np.median(np.hypot(real[:, 0], real[:, 1])) < np.quantile(off, 0.9)
     for lag in (50, 200):  # 5 and 20 s

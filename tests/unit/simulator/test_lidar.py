@@ -11,10 +11,11 @@ from scipy.special import ndtr
 from simulator.beam import Beam, _strongest_echo
 from simulator.lidar import Laser, LidarModel, azimuths
 from simulator.lidar_presets import LIDAR_PRESETS
-from simulator.mesh import pose
+from simulator.mesh import box, pose
 from simulator.motion import Standing
+from simulator.mover import Model, Mover
 from simulator.returns import REFLECTIVITY, CarlaReturns, MeasuredReturns, reflectivity_table
-from simulator.scenery import Surface
+from simulator.scenery import Part, Surface
 from simulator.street import Street, fill, first_light_street
 from simulator.world import World
 
@@ -127,13 +128,14 @@ FLAT = LidarModel(range_sd_m=0.0, rolling=True, rate_hz=10.0, points_per_second=
 
 
 @dataclasses.dataclass(frozen=True)
-class Passing:
-    """A sensor that moves along the street at a constant speed and is at `STREET_FROM_SENSOR` at time 0."""
+class Sliding:
+    """Along the street's x at a constant speed from a pose at time 0."""
 
+    street_from_start: np.ndarray
     speed_mps: float
 
     def poses(self, time_s: np.ndarray) -> np.ndarray:
-        poses = np.tile(STREET_FROM_SENSOR, (len(time_s), 1, 1))
+        poses = np.tile(self.street_from_start, (len(time_s), 1, 1))
         poses[:, 0, 3] += self.speed_mps * time_s
         return poses
 
@@ -158,7 +160,7 @@ def test_times_lie_before_the_stamp_and_the_last_column_at_it(world: World) -> N
 
 
 def test_a_moving_sensor_distorts_its_turn_as_each_columns_own_place_says(world: World) -> None:
-    motion = Passing(15.0)
+    motion = Sliding(STREET_FROM_SENSOR, 15.0)
     sweep = world.sweep(FLAT, motion, 2.0, np.random.default_rng(0))
     poses = motion.poses(2.0 + sweep.time_offset_s.astype(np.float64))
     points = (poses[:, :3, :3] @ sweep.points_m[:, :, None])[:, :, 0] + poses[:, :3, 3]
@@ -282,3 +284,21 @@ def test_every_surface_but_nothing_gives_something_back() -> None:
 def test_impossible_sensors_are_refused(fields: dict[str, object]) -> None:
     with pytest.raises(ValueError, match="LiDAR"):
         LidarModel(**fields)  # type: ignore[arg-type]
+
+
+def test_a_moving_thing_is_seen_where_it_is_at_each_columns_time_and_the_carrier_not_at_all() -> None:
+    box_m, speed_mps = 4.0, 20.0
+    model = Model((Part(Surface.CAR, box(box_m, 2.0, 1.6)),), middle_m=0.8, radius_m=2.5)
+    car = Mover(7, model, Sliding(pose(30.0, 1.75, 0.0), speed_mps))
+    world = World(Street(seed=1), [car])
+    rolling = dataclasses.replace(EXACT, rolling=True, rate_hz=10.0, points_per_second=400_000)
+    stands = pose(20.0, -1.75, 2.0)
+    sweep = world.sweep(rolling, Standing(stands), 0.3, np.random.default_rng(0))
+    on_car = sweep.mover_id == 7
+    assert on_car.sum() > 30
+    assert set(sweep.surface[on_car]) == {Surface.CAR}
+    middle_m = 30.0 + speed_mps * (0.3 + sweep.time_offset_s[on_car].astype(float))
+    along_m = sweep.points_m[on_car, 0] + 20.0 - middle_m
+    assert np.abs(along_m).max() < box_m / 2 + 0.01
+    carried = world.sweep(rolling, Standing(stands), 0.3, np.random.default_rng(0), ignored_mover=7)
+    assert not carried.mover_id.any()
