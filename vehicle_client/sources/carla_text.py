@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import math
 import re
-import warnings
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -16,6 +15,7 @@ from numpy.typing import NDArray
 
 from vehicle_client.frames import Matrix
 from vehicle_client.sources.frame import SourceError
+from vehicle_client.sources.number_text import parse_numbers
 
 Float32Array = NDArray[np.float32]
 
@@ -95,7 +95,9 @@ def read_carla_ply(path: Path) -> RecordedSweep:
     counts = [line.split()[2] for line in lines if re.fullmatch(r"element vertex \d{1,9}", line)]
     if not found or "format ascii 1.0" not in lines or len(counts) != 1 or names[:3] != ["x", "y", "z"]:
         raise SourceError(f"{path}: expected an ASCII PLY file of CARLA with x, y, z")
-    values = _numbers(body)
+    values = parse_numbers(body)
+    if values is None:
+        raise SourceError(f"{path}: expected nothing but numbers after the header")
     if int(counts[0]) > MOST_POINTS or len(values) != int(counts[0]) * len(names):
         raise SourceError(f"{path}: the header announces {counts[0]} points, the file holds {len(values)} numbers")
     if not len(values):
@@ -132,13 +134,3 @@ def _densest_level(depth_m: Float32Array) -> int:
     """Most points in any 0.2 m of depth that a road can have."""
     counts, _ = np.histogram(depth_m, bins=21, range=ROAD_BELOW_M)
     return int(counts.max())
-
-
-def _numbers(text: bytes) -> Float32Array:
-    """Numbers up to the first that is none; NumPy will raise there one day, and warns until then."""
-    with warnings.catch_warnings():
-        warnings.simplefilter("error", DeprecationWarning)
-        try:
-            return np.fromstring(text.decode("ascii"), dtype=np.float32, sep=" ")
-        except (ValueError, DeprecationWarning):
-            return np.zeros(0, dtype=np.float32)
