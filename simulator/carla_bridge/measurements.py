@@ -5,6 +5,7 @@ Layouts of the bytes: CARLA's documentation, "Sensors reference" (0.9.16).
 
 from __future__ import annotations
 
+import logging
 import math
 
 import carla
@@ -19,11 +20,16 @@ from simulator.recording.semantic_tags import TAGS_FROM
 from simulator.sensor_config import RigSensor
 from simulator.street import GeoReference
 
+LOG = logging.getLogger(__name__)
+
 FloatArray = NDArray[np.float64]
 
 SEMANTIC_POINT = np.dtype(
     [("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("cosine", "<f4"), ("object", "<u4"), ("tag", "<u4")]
 )
+
+DEFAULT_PLACE_DEG = (42.0, 2.0)
+"""Where CARLA puts maps whose georeference it cannot read."""
 
 LEAST_SD_M = 0.01
 """What a receiver without noise states: a weight of infinity helps nobody."""
@@ -119,6 +125,8 @@ def _inertia(name: SensorName, data: carla.IMUMeasurement) -> ImuReading:
 
 
 def map_origin(carla_map: carla.Map) -> GeoReference:
-    """Where the map's origin lies; CARLA answers latitude 42, longitude 2 for maps without a georeference it reads."""
+    """Where the map's origin lies, with a warning where it is only CARLA's default."""
     place = carla_map.transform_to_geolocation(carla.Location(0.0, 0.0, 0.0))
+    if math.hypot(place.latitude - DEFAULT_PLACE_DEG[0], place.longitude - DEFAULT_PLACE_DEG[1]) < 1e-6:
+        LOG.warning("the map has no georeference that CARLA reads: the recording lies at latitude 42, longitude 2")
     return GeoReference(LatLon(latitude_deg=place.latitude, longitude_deg=place.longitude), place.altitude)

@@ -14,7 +14,7 @@ from typer.testing import CliRunner
 
 from headsup.simulate.record_carla_command import record_carla
 from simulator.carla_bridge import session
-from simulator.carla_bridge.measurements import lidar_sweep, reading_of, semantic_sweep
+from simulator.carla_bridge.measurements import lidar_sweep, map_origin, reading_of, semantic_sweep
 from simulator.carla_bridge.problem import CarlaBridgeError
 from simulator.carla_bridge.record import RecordingPlan, record
 from simulator.carla_bridge.session import connect
@@ -184,6 +184,13 @@ def test_a_reading_keeps_the_sensors_name_and_pose() -> None:
     assert reading.sensor == sensor.name
     assert reading.street_from_sensor[:3, 3] == pytest.approx([1, -2, 3])
     assert reading.street_from_sensor[:3, 0] == pytest.approx([0, -1, 0], abs=1e-6)  # yaw to the right
+
+
+def test_carlas_default_place_is_warned_of(caplog: pytest.LogCaptureFixture) -> None:
+    assert map_origin(carla.Map("Town", stand_in.XODR)).position.latitude_deg == pytest.approx(38.2)
+    assert not caplog.messages
+    map_origin(carla.Map("Town", stand_in.XODR.replace("+lat_0", "+x")))
+    assert "latitude 42, longitude 2" in caplog.text
 
 
 @pytest.mark.parametrize("interruption", [KeyboardInterrupt, RuntimeError, ValueError])
