@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import ndimage
+from scipy import fft, ndimage
 
 from simulator.mesh import Mesh, grid, joined
 from simulator.pothole import Relief
@@ -31,11 +31,19 @@ OVERLAP_DROP_M = 0.001
 """A side road begins this much below the road it overlaps, so that one surface is seen and not a mixture."""
 
 
-def roughness_sd_m(roughness: Roughness) -> float:
-    """Standard deviation of the height over one period: the integral of Gd(n0) (n / n0)^-2 from its longest wave."""
-    period_m = ROUGHNESS_PERIOD * ROUGHNESS_STEP_M
-    shortest_m = 2 * ROUGHNESS_STEP_M
-    return math.sqrt(roughness.value * REFERENCE_FREQUENCY_PER_M**2 * (period_m - shortest_m))
+def road_roughness(seed: int, roughness: Roughness) -> FloatArray:
+    """Heights (n, n) of a periodic, isotropic road whose lines have the displacement density of an ISO 8608 class.
+
+    The density Gd(n) = Gd(n0) (n / n0)^-2 (clause 5.1) holds on average over all lines, from wavelengths of 0.4 m to
+    a quarter of the period.
+    """
+    # Along a line the density falls as n^-2, so an octave's amplitude as n^-0.5.
+    noise = fractal_noise(seed, ROUGHNESS_PERIOD, slope=0.5)
+    frequency_per_m = fft.rfftfreq(ROUGHNESS_PERIOD, ROUGHNESS_STEP_M)
+    density_m3 = 2 * ROUGHNESS_STEP_M / ROUGHNESS_PERIOD * np.square(np.abs(fft.rfft(noise, axis=1))).mean(axis=0)
+    band = np.s_[4 : ROUGHNESS_PERIOD // 8]
+    at_reference = (density_m3 * np.square(frequency_per_m / REFERENCE_FREQUENCY_PER_M))[band].mean()
+    return np.asarray(noise * math.sqrt(roughness.value / at_reference))
 
 
 class Terrain:
@@ -43,9 +51,7 @@ class Terrain:
 
     def __init__(self, street: Street) -> None:
         self.street = street
-        # Along a line the spectral density of displacement falls as n^-2 (ISO 8608, 5.1), so an octave as n^-0.5.
-        noise = fractal_noise(street.seed, ROUGHNESS_PERIOD, slope=0.5)
-        self._roughness_m = roughness_sd_m(street.roughness) * noise
+        self._roughness_m = road_roughness(street.seed, street.roughness)
 
     @property
     def reliefs(self) -> tuple[tuple[PlacedObstacle, Relief], ...]:

@@ -20,8 +20,11 @@ STEP_S = 0.1
 HEADWAY_S, STANDSTILL_GAP_M, ACCELERATION_MPS2, BRAKING_MPS2 = 1.5, 2.0, 1.2, 1.8
 CAR_LENGTH_M = 4.3
 
-LATERAL_MPS2 = 2.0
-"""What passengers find comfortable in a curve; half of what they bear."""
+LATERAL_MPS2, EASY_BRAKING_MPS2 = 2.0, 1.2
+"""What passengers find comfortable in a curve and before it; half of what they bear."""
+
+FORESIGHT_S = 1.5
+"""Drivers go by the speed that the road will allow so much later: the model alone brakes only once it is too fast."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,7 +41,7 @@ def speed_limits(path: Path, limit_mps: float) -> tuple[FloatArray, FloatArray]:
     curvature = np.abs(path.line.at(s).curvature_per_m)
     speed = np.minimum(limit_mps, np.sqrt(LATERAL_MPS2 / np.maximum(curvature, 1e-6)))
     for i in range(len(s) - 2, -1, -1):
-        speed[i] = min(speed[i], math.sqrt(speed[i + 1] ** 2 + 2 * BRAKING_MPS2 * (s[i + 1] - s[i])))
+        speed[i] = min(speed[i], math.sqrt(speed[i + 1] ** 2 + 2 * EASY_BRAKING_MPS2 * (s[i + 1] - s[i])))
     return s, speed
 
 
@@ -59,7 +62,8 @@ def follow(path: Path, drivers: Sequence[Driver], limit_mps: float, duration_s: 
     travelled = np.empty((len(times), len(drivers)))
     for row in range(len(times)):
         travelled[row] = position
-        wished = np.interp(position, along, allowed) * eagerness
+        ahead = np.minimum(*(np.interp(p, along, allowed) for p in (position, position + speed * FORESIGHT_S)))
+        wished = ahead * eagerness
         acceleration = _acceleration(position[order], speed[order], wished[order])
         # Semi-implicit: the new speed moves the car, and never backwards.
         speed[order] = np.maximum(speed[order] + acceleration * STEP_S, 0.0)

@@ -5,8 +5,10 @@ from __future__ import annotations
 import typer
 
 from headsup.simulate.drive_command import drive
+from headsup.simulate.sensors_command import sensors
 
 simulate_app = typer.Typer(
     help="Make data: potholes, streets and drives with exact truth.", no_args_is_help=True, rich_markup_mode=None
 )
 simulate_app.command("drive")(drive)
+simulate_app.command("sensors")(sensors)
