@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numba import njit, prange
+from numba import njit
 from numpy.typing import NDArray
 
 DECIMALS = 4
@@ -16,9 +16,6 @@ LARGEST_M = 1e9
 
 LIDAR_PROPERTIES = ("float32 x", "float32 y", "float32 z", "float32 I")
 SEMANTIC_PROPERTIES = ("float32 x", "float32 y", "float32 z", "float32 CosAngle", "uint32 ObjIdx", "uint32 ObjTag")
-
-POINTS_A_BLOCK = 8_192
-"""Blocks are formatted on all cores; joining them costs nothing from some thousand points each."""
 
 
 def ply_text(
@@ -45,24 +42,21 @@ def _lines(decimals: NDArray[np.float32], whole: NDArray[np.uint32]) -> bytes:
     ticks = np.rint(decimals.astype(np.float64) * 10**DECIMALS).astype(np.int64)
     signs = np.signbit(decimals)
     line_bytes = 16 * decimals.shape[1] + 11 * whole.shape[1]
-    blocks = -(-len(decimals) // POINTS_A_BLOCK)
-    buffer = np.empty((blocks, POINTS_A_BLOCK * line_bytes), dtype=np.uint8)
-    used = np.zeros(blocks, dtype=np.int64)
-    _format_blocks(ticks, signs, whole, buffer, used)
-    return b"".join(buffer[i, : used[i]].tobytes() for i in range(blocks))
+    buffer = np.empty(len(decimals) * line_bytes, dtype=np.uint8)
+    return buffer[: _format(ticks, signs, whole, buffer)].tobytes()
 
 
-@njit(cache=True, parallel=True, nogil=True)
-def _format_blocks(ticks: Any, signs: Any, whole: Any, buffer: Any, used: Any) -> None:
-    for block in prange(len(buffer)):
-        end = 0
-        for row in range(block * POINTS_A_BLOCK, min((block + 1) * POINTS_A_BLOCK, len(ticks))):
-            for column in range(ticks.shape[1]):
-                end = _put_decimal(buffer[block], end, ticks[row, column], signs[row, column])
-            for column in range(whole.shape[1]):
-                end = _put_whole(buffer[block], end, np.int64(whole[row, column]), 1)
-            buffer[block, end - 1] = ord("\n")
-        used[block] = end
+@njit(cache=True, nogil=True)
+def _format(ticks: Any, signs: Any, whole: Any, buffer: Any) -> int:
+    """Write all lines and say where they end. One thread: a parallel kernel would not survive a fork."""
+    end = 0
+    for row in range(len(ticks)):
+        for column in range(ticks.shape[1]):
+            end = _put_decimal(buffer, end, ticks[row, column], signs[row, column])
+        for column in range(whole.shape[1]):
+            end = _put_whole(buffer, end, np.int64(whole[row, column]), 1)
+        buffer[end - 1] = ord("\n")
+    return end
 
 
 @njit(cache=True, nogil=True)
@@ -80,9 +74,9 @@ def _put_decimal(line: Any, end: int, ticks: int, negative: bool) -> int:
 @njit(cache=True, nogil=True)
 def _put_whole(line: Any, end: int, number: int, digits: int) -> int:
     """Write a whole number with at least so many digits, and a space."""
-    power = 10 ** (digits - 1)
-    while number // power >= 10:
-        power *= 10
+    limit = 10**digits
+    while number >= limit:
+        limit *= 10
         digits += 1
     for place in range(end + digits - 1, end - 1, -1):
         line[place] = ord("0") + number % 10
