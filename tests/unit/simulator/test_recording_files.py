@@ -7,7 +7,7 @@ import carla
 import cv2
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
 
@@ -23,12 +23,14 @@ def body_of(file: bytes) -> str:
     return file.decode("ascii").partition("end_header\n")[2]
 
 
+@settings(deadline=None)  # the first example compiles
 @given(arrays.arrays(np.float32, st.tuples(st.integers(0, 40), st.just(4)), elements=coordinates))
 def test_numbers_are_rounded_as_printf_does(values: np.ndarray) -> None:
     lines = "".join(" ".join(f"{v:.4f}" for v in row) + "\n" for row in values.astype(np.float64).tolist())
     assert body_of(ply_text(LIDAR_PROPERTIES, values)) == lines
 
 
+@settings(deadline=None)
 @given(
     arrays.arrays(np.uint32, st.tuples(st.integers(0, 40), st.just(2))),
 )
