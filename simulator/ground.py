@@ -40,10 +40,10 @@ class Clearance:
         """Distance (N,) from the borders, negative inside them, and height (N,) of that road, of positions (N, 2)."""
         outside, height = np.full(len(xy_m), np.inf), np.zeros(len(xy_m))
         for tree, heights, border in zip(self._trees, self._heights, self._border, strict=True):
-            distance, index = tree.query(xy_m)
-            distance = distance - border[index]
+            to_line, index = tree.query(xy_m)
+            distance = to_line - border[np.asarray(index)]
             nearer = distance < outside
-            outside[nearer], height[nearer] = distance[nearer], heights[index[nearer]]
+            outside[nearer], height[nearer] = distance[nearer], heights[np.asarray(index)[nearer]]
         return outside, height
 
 

@@ -55,7 +55,7 @@ class Schedule:
         period_s = self.period_s or self.tick_s
         first = math.floor((frame - 1) * self.tick_s / period_s + 1e-6) + 1
         last = math.floor(frame * self.tick_s / period_s + 1e-6)
-        return np.arange(first, last + 1) * period_s
+        return np.asarray(np.arange(first, last + 1) * period_s, dtype=np.float64)
 
 
 def instrument(sensor: RigSensor, carrier: Carrier, rng: np.random.Generator) -> Instrument:

@@ -106,7 +106,7 @@ class MovingScene:
             return index
         inverse = np.linalg.inv(pose)[None].astype(np.float32)
         start, rays = _moved(points_m[index], np.broadcast_to(direction, (len(index), 3)), inverse)
-        return index[self._scene.blocked(start, rays)]
+        return np.asarray(index[self._scene.blocked(start, rays)])
 
     def _towards(self, rays: Rays) -> NDArray[np.intp]:
         """Indices of the rays that may meet the mover's ball on its way."""
@@ -121,7 +121,8 @@ class MovingScene:
         if distance <= radius:
             return np.arange(len(rays.directions))
         cosine = np.sqrt(1 - (radius / distance) ** 2)
-        return np.flatnonzero(rays.directions @ (to_middle / distance).astype(np.float32) > cosine)
+        towards: Float32Array = rays.directions @ (to_middle / distance).astype(np.float32)
+        return np.flatnonzero(towards > cosine)
 
     def _inverses(self, time_s: FloatArray, index: NDArray[np.intp]) -> Float32Array:
         """`mover_from_street` at the time of each ray (N, 4, 4), or one (1, 4, 4) for all."""

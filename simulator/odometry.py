@@ -34,18 +34,23 @@ class Odometer:
 
     def measure(self, street_from_vehicle: FloatArray) -> FloatArray:
         """`odom_from_vehicle` (4, 4) after the way from the last pose to this one."""
-        place = street_from_vehicle[:3, 3]
-        if self._odom_from_street is None:
-            yaw = math.atan2(street_from_vehicle[1, 0], street_from_vehicle[0, 0])
-            self._odom_from_street = np.linalg.inv(pose(*place, yaw))
-            self._last_m = place
-        step = self._odom_from_street[:3, :3] @ (place - self._last_m)
-        self._last_m = place
+        odom_from_street = self._started_at(street_from_vehicle)
+        step = odom_from_street[:3, :3] @ (street_from_vehicle[:3, 3] - self._last_m)
+        self._last_m = street_from_vehicle[:3, 3]
         self._travelled_m += float(np.linalg.norm(step))
         turned = pose(0, 0, 0, self._yaw_per_m * self._travelled_m)
         self._position_m = self._position_m + self._scale * (turned[:3, :3] @ step)
         roll, pitch = self._rng.normal(0, self._model.attitude_sd_rad, 2)
-        odom_from_vehicle: FloatArray = turned @ self._odom_from_street @ street_from_vehicle
+        odom_from_vehicle: FloatArray = turned @ odom_from_street @ street_from_vehicle
         odom_from_vehicle = odom_from_vehicle @ pose(0, 0, 0, 0.0, pitch, roll)
         odom_from_vehicle[:3, 3] = self._position_m
         return odom_from_vehicle
+
+    def _started_at(self, street_from_vehicle: FloatArray) -> FloatArray:
+        """`odom_from_street` (4, 4), fixed by the first pose."""
+        if self._odom_from_street is None:
+            x, y, z = (float(value) for value in street_from_vehicle[:3, 3])
+            yaw = math.atan2(street_from_vehicle[1, 0], street_from_vehicle[0, 0])
+            self._odom_from_street = np.linalg.inv(pose(x, y, z, yaw))
+            self._last_m = street_from_vehicle[:3, 3]
+        return self._odom_from_street

@@ -63,13 +63,13 @@ def record(plan: RecordingPlan, folder: Path, progress: Progress) -> Scenario:
         drives = [pool.submit(_drive, plan, folder, ego) for ego in range(egos)]
         try:
             while wait_for(drives, timeout=POLL_S).not_done:
-                progress(list(written))
+                progress(written[:])
                 if any(drive.done() and drive.exception() for drive in drives):
                     break
             summaries = [drive.result() for drive in drives]
         finally:
             pool.shutdown(wait=False, cancel_futures=True)
-    progress(list(written))
+    progress(written[:])
     end_recording(folder, header, summaries)
     return happening
 

@@ -69,8 +69,15 @@ def daylight(elevation_rad: float, azimuth_rad: float, cloudiness: float = 0.0) 
     sky, haze, zenith = ((1 - cloudiness) * colour * height + grey * height for colour in (SKY_LIGHT, HAZE, ZENITH))
     exposure = (_ground_light(REFERENCE_ELEVATION_RAD) / (sun.mean() * towards[2] + sky.mean())) ** 0.8
     cloud = CLOUD * height * (1 - 0.25 * cloudiness) * dusk
-    colours = (sun, sky, haze * dusk, zenith, cloud)
-    return Daylight(towards.astype(np.float32), *((c * exposure).astype(np.float32) for c in colours), cloudiness)
+    return Daylight(
+        sun_direction=towards.astype(np.float32),
+        sun_light=(sun * exposure).astype(np.float32),
+        sky_light=(sky * exposure).astype(np.float32),
+        haze=(haze * dusk * exposure).astype(np.float32),
+        zenith=(zenith * exposure).astype(np.float32),
+        cloud=(cloud * exposure).astype(np.float32),
+        cloudiness=cloudiness,
+    )
 
 
 def _ground_light(elevation_rad: float) -> float:
@@ -80,7 +87,7 @@ def _ground_light(elevation_rad: float) -> float:
 
 def _air_mass(elevation_rad: float) -> float:
     degrees = math.degrees(elevation_rad)
-    return 1 / (math.sin(elevation_rad) + 0.50572 * (degrees + 6.07995) ** -1.6364)
+    return 1 / (math.sin(elevation_rad) + 0.50572 * math.pow(degrees + 6.07995, -1.6364))
 
 
 AFTERNOON = daylight(REFERENCE_ELEVATION_RAD, math.radians(-112.6))

@@ -58,7 +58,7 @@ def follow(path: Path, drivers: Sequence[Driver], limit_mps: float, duration_s: 
     if (gaps < STANDSTILL_GAP_M).any():
         raise ValueError(f"cars of one lane start at least {CAR_LENGTH_M + STANDSTILL_GAP_M:.1f} m apart")
     speed = np.interp(position, along, allowed) * eagerness
-    times = np.arange(math.ceil(duration_s / STEP_S) + 2) * STEP_S
+    times = np.asarray(np.arange(math.ceil(duration_s / STEP_S) + 2) * STEP_S, dtype=np.float64)
     travelled = np.empty((len(times), len(drivers)))
     for row in range(len(times)):
         travelled[row] = position
@@ -80,4 +80,4 @@ def _acceleration(position: FloatArray, speed: FloatArray, wished: FloatArray) -
         speed * HEADWAY_S + speed * closing / (2 * math.sqrt(ACCELERATION_MPS2 * BRAKING_MPS2)), 0
     )
     # Beyond -8 m/s^2 a dry road gives no grip.
-    return np.maximum(ACCELERATION_MPS2 * (free - (desired / gap) ** 2), -8.0)
+    return np.asarray(np.maximum(ACCELERATION_MPS2 * (free - (desired / gap) ** 2), -8.0))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import typer
 
 from headsup.simulate.drive_command import drive
+from headsup.simulate.record_carla_command import record_carla
 from headsup.simulate.sensors_command import sensors
 
 simulate_app = typer.Typer(
@@ -12,3 +13,4 @@ simulate_app = typer.Typer(
 )
 simulate_app.command("drive")(drive)
 simulate_app.command("sensors")(sensors)
+simulate_app.command("carla")(record_carla)
