@@ -101,7 +101,7 @@ class MovingScene:
         """Indices of the points (N, 3) whose way along a unit direction this mover blocks."""
         pose = self.pose(time_s)
         middle = (pose[:3, 3] + self.mover.model.middle_m * pose[:3, 2]).astype(np.float32)
-        index = _within(points_m, direction, middle, np.float32(self.mover.model.radius_m))
+        index: NDArray[np.intp] = _within(points_m, direction, middle, np.float32(self.mover.model.radius_m))
         if not index.size:
             return index
         inverse = np.linalg.inv(pose)[None].astype(np.float32)

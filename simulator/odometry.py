@@ -51,6 +51,6 @@ class Odometer:
         if self._odom_from_street is None:
             x, y, z = (float(value) for value in street_from_vehicle[:3, 3])
             yaw = math.atan2(street_from_vehicle[1, 0], street_from_vehicle[0, 0])
-            self._odom_from_street = np.linalg.inv(pose(x, y, z, yaw))
-            self._last_m = street_from_vehicle[:3, 3]
+            odom_from_street: FloatArray = np.asarray(np.linalg.inv(pose(x, y, z, yaw)), dtype=np.float64)
+            self._odom_from_street, self._last_m = odom_from_street, street_from_vehicle[:3, 3]
         return self._odom_from_street

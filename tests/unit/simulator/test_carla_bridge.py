@@ -22,6 +22,7 @@ from simulator.recording.files import RecordingError
 from simulator.sensor_config import SensorRig, read_sensors
 from tests.unit.simulator import carla_server as stand_in
 from tests.unit.simulator.carla_server import Client, Sensor, Vehicle, World
+from vehicle_client.sources.carla_recording import CarlaRecording
 
 LIDAR = {
     "type": "sensor.lidar.ray_cast",
@@ -155,6 +156,20 @@ def test_inertia_is_turned_to_our_axes(client: Client) -> None:
     assert [row[f"accelerometer_{a}_mps2"] for a in "xyz"] == pytest.approx([1.0, -2.0, 9.8])
     assert [row[f"gyroscope_{a}_radps"] for a in "xyz"] == pytest.approx([-0.1, 0.2, -0.3])
     assert row["compass_rad"] == 1.5
+
+
+def test_the_vehicle_reads_what_was_recorded(client: Client) -> None:
+    source = CarlaRecording(client.folder, ego=1)
+    frames = list(source)
+    assert (len(frames), source.skipped) == (TICKS, 0)
+    made = stand_in.lidar_rows(522)
+    assert frames[1].points_m == pytest.approx(made[:, :3] * [1, -1, 1], abs=6e-5)
+    assert [frame.image is None for frame in frames] == [False, True, False, True]
+    poses = np.genfromtxt(client.folder / "ego1/poses.csv", delimiter=",", names=True)
+    for frame, pose in zip(frames, poses, strict=True):
+        assert frame.stamp_s == pytest.approx(plan().start.timestamp() + pose["time_s"], abs=1e-5)
+        assert frame.steering_rad == pytest.approx(pose["steering_rad"])
+        assert frame.gnss.position.latitude_deg == pytest.approx(pose["latitude_deg"], abs=1e-7)
 
 
 def measurement(rows: np.ndarray) -> stand_in.Lidar:
