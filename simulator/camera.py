@@ -24,6 +24,9 @@ HAZE_LENGTH_M = 1_400.0
 RAYS_AT_ONCE = 40_000
 """So many rays' intermediate arrays stay within a processor's cache of some megabytes (measured)."""
 
+EDGE_CONTRAST = 28
+"""Steps of 8 bits between neighbours above which a pixel is refined: asphalt's grain stays below."""
+
 SHADOW_OFFSET_M = 0.004
 """Shadow rays start this far off the surface: float32 resolves 0.03 mm at the street's far end."""
 
@@ -70,45 +73,58 @@ class Shot:
 
 
 def expose(world: World, painter: Painter, camera: CameraModel, shot: Shot, supersample: int) -> NDArray[np.uint8]:
-    """Picture (H, W, 3) uint8 BGR, computed in bands of rows."""
-    band_rows = max(1, RAYS_AT_ONCE // (camera.width_px * supersample**2))
-    bands = [
-        _band(world, painter, camera, shot, supersample, row, min(row + band_rows, camera.height_px))
-        for row in range(0, camera.height_px, band_rows)
-    ]
-    return _developed(np.concatenate(bands))
+    """Picture (H, W, 3) uint8 BGR: a ray through each pixel's middle, `supersample` squared where neighbours differ."""
+    width, height = camera.width_px, camera.height_px
+    v, u = np.divmod(np.arange(width * height), width)
+    light = _mean_light(world, painter, camera, shot, np.stack([u, v], axis=1), 1)
+    if supersample > 1:
+        edges = np.flatnonzero(_edges(_developed(light.reshape(height, width, 3))))
+        light[edges] = _mean_light(world, painter, camera, shot, np.stack([u[edges], v[edges]], axis=1), supersample)
+    return _developed(light.reshape(height, width, 3))
 
 
-def _band(
-    world: World,
-    painter: Painter,
-    camera: CameraModel,
-    shot: Shot,
-    supersample: int,
-    first_row: int,
-    end_row: int,
+def _mean_light(
+    world: World, painter: Painter, camera: CameraModel, shot: Shot, pixels: NDArray[np.intp], rays_a_side: int
 ) -> Float32Array:
-    """Linear RGB (rows, W, 3) of some rows."""
-    rays = _rays(camera, shot, supersample, first_row, end_row)
-    light = _radiance(world, painter, shot, rays, 1 / supersample / camera.focal_px)
-    shape = (end_row - first_row, supersample, camera.width_px, supersample, 3)
-    return np.asarray(light.reshape(shape).mean(axis=(1, 3)))
+    """Linear RGB (N, 3) of pixels (N, 2), each the mean of a square of rays; so many at once as a cache holds."""
+    light = np.empty((len(pixels), 3), dtype=np.float32)
+    at_once = max(1, RAYS_AT_ONCE // rays_a_side**2)
+    for first in range(0, len(pixels), at_once):
+        some = pixels[first : first + at_once]
+        rays = _rays(camera, shot, some, rays_a_side)
+        seen = _radiance(world, painter, shot, rays, 1 / rays_a_side / camera.focal_px)
+        light[first : first + at_once] = seen.reshape(len(some), rays_a_side**2, 3).mean(axis=1)
+    return light
+
+
+def _edges(picture: NDArray[np.uint8]) -> NDArray[np.bool_]:
+    """Pixels (H, W) that differ from a neighbour so that a staircase would be seen."""
+    values = picture.astype(np.int16)
+    edges = np.zeros(picture.shape[:2], dtype=bool)
+    beside = (np.abs(np.diff(values, axis=1)) > EDGE_CONTRAST).any(axis=2)
+    below = (np.abs(np.diff(values, axis=0)) > EDGE_CONTRAST).any(axis=2)
+    edges[:, :-1] |= beside
+    edges[:, 1:] |= beside
+    edges[:-1] |= below
+    edges[1:] |= below
+    return edges
 
 
 def surfaces_seen(world: World, camera: CameraModel, shot: Shot) -> NDArray[np.uint8]:
     """`Surface` values (H, W) under the middles of the pixels."""
-    rays = _rays(camera, shot, 1, 0, camera.height_px)
+    v, u = np.divmod(np.arange(camera.width_px * camera.height_px), camera.width_px)
+    rays = _rays(camera, shot, np.stack([u, v], axis=1), 1)
     hits = world.cast(shot.street_from_camera[:3, 3].astype(np.float32), rays, shot.time_s, shot.ignored_mover)
     return world.surfaces(hits).reshape(camera.height_px, camera.width_px)
 
 
-def _rays(camera: CameraModel, shot: Shot, supersample: int, first_row: int, end_row: int) -> Float32Array:
-    """Unit directions (N, 3), frame `street`, of some rows."""
-    step = 1 / supersample
-    u = ((np.arange(camera.width_px * supersample) + 0.5) * step - camera.width_px / 2) / camera.focal_px
-    v = first_row + (np.arange((end_row - first_row) * supersample) + 0.5) * step - camera.height_px / 2
-    x, y = np.meshgrid(u.astype(np.float32), (v / camera.focal_px).astype(np.float32))
-    rays = np.stack([x.ravel(), y.ravel(), np.ones(x.size, np.float32)], axis=1)
+def _rays(camera: CameraModel, shot: Shot, pixels: NDArray[np.intp], rays_a_side: int) -> Float32Array:
+    """Unit directions (N * rays_a_side^2, 3), frame `street`, through pixels (N, 2) of column and row."""
+    within = (np.arange(rays_a_side) + 0.5) / rays_a_side
+    offsets = np.stack([axis.ravel() for axis in np.meshgrid(within, within)], axis=1)
+    middle = np.array([camera.width_px / 2, camera.height_px / 2])
+    plane = ((pixels[:, None] + offsets - middle) / camera.focal_px).reshape(-1, 2)
+    rays = np.concatenate([plane, np.ones((len(plane), 1))], axis=1, dtype=np.float32)
     rays /= np.linalg.norm(rays, axis=1, keepdims=True)
     return np.asarray(rays @ shot.street_from_camera[:3, :3].T.astype(np.float32))
 

@@ -24,6 +24,9 @@ FloatArray = NDArray[np.float64]
 
 SEMANTIC_CAMERA = "sensor.camera.semantic_segmentation"
 
+RAYS_A_SIDE = 2
+"""On edges: four rays a pixel take half as long again as one everywhere, and no staircase is left."""
+
 
 class Instrument(Protocol):
     """A sensor on its vehicle."""
@@ -106,7 +109,7 @@ class _Camera:
         if self.sensor.name.type == SEMANTIC_CAMERA:
             pixels = semantic_tags(world.segment(self.model, vehicle, time_s, self.carrier.mover))
         else:
-            pixels = world.render(self.model, vehicle, 1, time_s, self.carrier.mover)
+            pixels = world.render(self.model, vehicle, RAYS_A_SIDE, time_s, self.carrier.mover)
         yield ImageReading(self.sensor.name, vehicle @ self.sensor.vehicle_from_sensor, pixels)
 
 

@@ -150,7 +150,7 @@ class World:
         time_s: float = 0.0,
         ignored_mover: int = 0,
     ) -> NDArray[np.uint8]:
-        """Picture (H, W, 3) uint8 BGR; each pixel is the mean of `supersample` x `supersample` rays."""
+        """Picture (H, W, 3) uint8 BGR; pixels on edges are the mean of `supersample` x `supersample` rays."""
         shot = Shot(street_from_vehicle @ camera.vehicle_from_camera, time_s, ignored_mover)
         return expose(self, self._painter, camera, shot, supersample)
 
