@@ -94,9 +94,9 @@ def point_cloud(time_ns: int, frame_id: str, sweep: Sweep) -> PointCloud:
     )
 
 
-def compressed_image(time_ns: int, frame_id: str, png: bytes) -> CompressedImage:
-    """A picture as PNG, in its optical frame."""
-    return CompressedImage(timestamp=_timestamp(time_ns), frame_id=frame_id, data=png, format="png")
+def compressed_image(time_ns: int, frame_id: str, data: bytes, kind: str) -> CompressedImage:
+    """A picture as `jpeg` or `png`, in its optical frame."""
+    return CompressedImage(timestamp=_timestamp(time_ns), frame_id=frame_id, data=data, format=kind)
 
 
 def camera_calibration(

@@ -29,6 +29,7 @@ from simulator.readings import (
     SensorName,
 )
 from simulator.recording import foxglove_messages as messages
+from simulator.recording.files import jpeg_bytes
 from simulator.recording.header import RecordingHeader
 
 LIBRARY = "headsup"
@@ -93,7 +94,11 @@ class McapFile:
             case ImageReading():
                 optical, sensor = f"{folder}.optical", self._sensors[reading.sensor]
                 calibration = messages.camera_calibration(time_ns, optical, reading, sensor)
-                self._put(f"/{folder}", time_ns, messages.compressed_image(time_ns, optical, pictures[reading.sensor]))
+                # Tags must survive; colours are kept whole as PNG beside the MCAP, and here five times smaller.
+                coloured = reading.pixels.ndim == 3
+                data = jpeg_bytes(reading.pixels) if coloured else pictures[reading.sensor]
+                image = messages.compressed_image(time_ns, optical, data, "jpeg" if coloured else "png")
+                self._put(f"/{folder}", time_ns, image)
                 self._put(f"/{folder}/calibration", time_ns, calibration)
             case GnssReading():
                 own_ns = self._time_ns(reading.time_s)
