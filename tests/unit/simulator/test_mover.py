@@ -80,7 +80,7 @@ def test_a_turn_of_the_lidar_stretches_what_moves_and_its_times_undo_it() -> Non
     sweep = world.sweep(lidar, Standing(pose(0.0, -1.75, 2.0)), 0.1, np.random.default_rng(0))
     on_car = sweep.mover_id == 3
     assert on_car.sum() > 300
-    points = [*sweep.points_m[on_car].astype(float), 0.0, -1.75, 2.0]
+    points = sweep.points_m[on_car].astype(float) + np.array([0.0, -1.75, 2.0])
     moved = motion.poses(0.1 + sweep.time_offset_s[on_car].astype(float))
     own = np.einsum("nji,nj->ni", moved[:, :3, :3], points - moved[:, :3, 3])
     assert np.abs(own[:, 0]).max() < 2.16
