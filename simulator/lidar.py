@@ -119,7 +119,7 @@ def measure(
     shots = Shots(
         origins, rays, np.repeat(end_s + offset_s, lidar.channels), lidar.channels, lidar.range_m, ignored_mover
     )
-    hits = world.cast(origins, rays, shots.time_s, ignored_mover)
+    hits = world.cast(origins, rays, shots.time_s, ignored_mover, lidar.range_m)
     power = received_power(world, hits, rays)
     if lidar.beam is not None:
         hits, power = spread(world, lidar.beam, shots, hits, power)

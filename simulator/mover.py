@@ -39,14 +39,16 @@ class Mover:
 
 
 class Rays:
-    """Rays from (N, 3) or (3,) origins along unit (N, 3) directions, each at its time (N,), or all at one (1,)."""
+    """Rays from (N, 3) or (3,) origins along unit (N, 3) directions, each at its time (N,), or all at one (1,).
 
-    def __init__(self, origins_m: Float32Array, directions: Float32Array, time_s: FloatArray) -> None:
-        self.origins_m, self.directions, self.time_s = origins_m, directions, time_s
-        low, high = np.atleast_2d(origins_m).min(axis=0), np.atleast_2d(origins_m).max(axis=0)
-        self.middle_m = (low + high) / 2
-        self.spread_m = float(np.linalg.norm(high - low)) / 2
-        self.span_s = np.array([time_s.min(), time_s.max()])
+    What begins farther than `reach_m` from the first origin is not looked for.
+    """
+
+    def __init__(self, origins_m: Float32Array, directions: Float32Array, time_s: FloatArray, reach_m: float) -> None:
+        self.origins_m = np.broadcast_to(origins_m, directions.shape)
+        self.directions, self.time_s = directions, time_s
+        self.reach_m = min(reach_m, SEEN_WITHIN_M)
+        self.span_s = (float(time_s.min()), float(time_s.max()))
 
 
 @dataclass(slots=True)
@@ -67,12 +69,16 @@ class MovingScene:
     def __init__(self, mover: Mover, scene: RayScene, first_part: int) -> None:
         self.mover = mover
         self._scene, self._first_part = scene, first_part
-        self._latest = (math.nan, np.eye(4))
+        self._latest = ((math.nan, math.nan), np.empty((0, 4, 4)))
 
     def pose(self, time_s: float) -> FloatArray:
-        """`street_from_mover` (4, 4); a picture asks for the same time in each of its bands."""
-        if self._latest[0] != time_s:
-            self._latest = (time_s, self.mover.motion.poses(np.array([time_s]))[0])
+        """`street_from_mover` (4, 4)."""
+        return np.asarray(self._ends((time_s, time_s))[0])
+
+    def _ends(self, span_s: tuple[float, float]) -> FloatArray:
+        """Poses (2, 4, 4) at the begin and the end of a span; the parts of a picture or a turn ask for the same."""
+        if self._latest[0] != span_s:
+            self._latest = (span_s, self.mover.motion.poses(np.array(span_s)))
         return self._latest[1]
 
     def cast(self, rays: Rays, before: Float32Array) -> NearerHits | None:
@@ -81,7 +87,7 @@ class MovingScene:
         if not index.size:
             return None
         mover_from_street = self._inverses(rays.time_s, index)
-        starts = rays.origins_m[index] if rays.origins_m.ndim == 2 else rays.origins_m
+        starts = rays.origins_m[index]
         answer = self._scene.cast(*_moved(starts, rays.directions[index], mover_from_street))
         nearer = np.flatnonzero(answer.distance < before[index])
         if not nearer.size:
@@ -101,28 +107,26 @@ class MovingScene:
         """Indices of the points (N, 3) whose way along a unit direction this mover blocks."""
         pose = self.pose(time_s)
         middle = (pose[:3, 3] + self.mover.model.middle_m * pose[:3, 2]).astype(np.float32)
-        index: NDArray[np.intp] = _within(points_m, direction, middle, np.float32(self.mover.model.radius_m))
+        rays = np.broadcast_to(direction, points_m.shape)
+        index: NDArray[np.intp] = _towards_ball(points_m, rays, middle, np.float32(self.mover.model.radius_m))
         if not index.size:
             return index
         inverse = np.linalg.inv(pose)[None].astype(np.float32)
-        start, rays = _moved(points_m[index], np.broadcast_to(direction, (len(index), 3)), inverse)
+        start, rays = _moved(points_m[index], rays[index], inverse)
         return np.asarray(index[self._scene.blocked(start, rays)])
 
     def _towards(self, rays: Rays) -> NDArray[np.intp]:
         """Indices of the rays that may meet the mover's ball on its way."""
-        early, late = rays.span_s
-        ends = self.pose(early)[None] if early == late else self.mover.motion.poses(rays.span_s)
+        ends = self._ends(rays.span_s)
         middles = ends[:, :3, 3] + self.mover.model.middle_m * ends[:, :3, 2]
-        to_middle = middles.mean(axis=0) - rays.middle_m
-        distance = float(np.linalg.norm(to_middle))
-        radius = self.mover.model.radius_m + float(np.linalg.norm(middles[-1] - middles[0])) / 2 + rays.spread_m
-        if distance > SEEN_WITHIN_M:
+        middle = middles.mean(axis=0)
+        radius = self.mover.model.radius_m + float(np.linalg.norm(middles[1] - middles[0])) / 2
+        if float(np.linalg.norm(middle - rays.origins_m[0])) - radius > rays.reach_m:
             return np.empty(0, dtype=np.intp)
-        if distance <= radius:
-            return np.arange(len(rays.directions))
-        cosine = np.sqrt(1 - (radius / distance) ** 2)
-        towards: Float32Array = rays.directions @ (to_middle / distance).astype(np.float32)
-        return np.flatnonzero(towards > cosine)
+        index: NDArray[np.intp] = _towards_ball(
+            rays.origins_m, rays.directions, middle.astype(np.float32), np.float32(radius)
+        )
+        return index
 
     def _inverses(self, time_s: FloatArray, index: NDArray[np.intp]) -> Float32Array:
         """`mover_from_street` at the time of each ray (N, 4, 4), or one (1, 4, 4) for all."""
@@ -133,15 +137,15 @@ class MovingScene:
 
 
 @njit(cache=True, nogil=True)
-def _within(
-    points_m: Float32Array, direction: Float32Array, middle_m: Float32Array, radius_m: np.float32
+def _towards_ball(
+    origins_m: Float32Array, directions: Float32Array, middle_m: Float32Array, radius_m: np.float32
 ) -> NDArray[np.intp]:
-    """Indices of the points (N, 3) from which a half-line along a unit direction passes a ball."""
-    found = np.empty(len(points_m), dtype=np.intp)
+    """Indices of the rays (N, 3) with unit directions that pass a ball."""
+    found = np.empty(len(directions), dtype=np.intp)
     count = 0
-    for i in range(len(points_m)):
-        x, y, z = middle_m[0] - points_m[i, 0], middle_m[1] - points_m[i, 1], middle_m[2] - points_m[i, 2]
-        along = x * direction[0] + y * direction[1] + z * direction[2]
+    for i in range(len(directions)):
+        x, y, z = middle_m[0] - origins_m[i, 0], middle_m[1] - origins_m[i, 1], middle_m[2] - origins_m[i, 2]
+        along = x * directions[i, 0] + y * directions[i, 1] + z * directions[i, 2]
         if along > -radius_m and x * x + y * y + z * z - along * along < radius_m * radius_m:
             found[count] = i
             count += 1
@@ -154,6 +158,6 @@ def _moved(
     """Rays of frame b in frame a, by one (1, 4, 4) transform or one each."""
     if len(a_from_b) == 1:
         turn, shift = a_from_b[0, :3, :3], a_from_b[0, :3, 3]
-        return np.broadcast_to(origins_m @ turn.T + shift, directions.shape), directions @ turn.T
-    origins = np.einsum("nij,nj->ni", a_from_b[:, :3, :3], np.broadcast_to(origins_m, directions.shape))
+        return origins_m @ turn.T + shift, directions @ turn.T
+    origins = np.einsum("nij,nj->ni", a_from_b[:, :3, :3], origins_m)
     return origins + a_from_b[:, :3, 3], np.einsum("nij,nj->ni", a_from_b[:, :3, :3], directions)

@@ -8,6 +8,7 @@ image = world.render(CameraModel(), street_from_vehicle)
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -81,10 +82,11 @@ class World:
         directions: Float32Array,
         time_s: FloatArray | float = 0.0,
         ignored_mover: int = 0,
+        reach_m: float = math.inf,
     ) -> Hits:
         """First hits of rays from (N, 3) or (3,) origins along unit (N, 3) directions, frame `street`.
 
-        Each ray is sent at its own time (N,), or all at one.
+        Each ray is sent at its own time (N,), or all at one. Movers beyond `reach_m` may be missed.
         """
         answer = self._scene.cast(origins_m, directions)
         part = answer.geometry.astype(np.int32)
@@ -93,7 +95,7 @@ class World:
         hits = Hits(answer.distance, part, answer.normal, mover, answer.triangle, answer.uv)
         others = [moving for moving in self._moving if moving.mover.number != ignored_mover]
         if others:
-            rays = Rays(origins_m, directions, np.atleast_1d(np.asarray(time_s, dtype=np.float64)))
+            rays = Rays(origins_m, directions, np.atleast_1d(np.asarray(time_s, dtype=np.float64)), reach_m)
             for moving in others:
                 nearer = moving.cast(rays, hits.distance)
                 if nearer is not None:
@@ -129,11 +131,13 @@ class World:
         """Number of the obstacle that each hit lies on, 0 for none: things by mesh, reliefs by footprint."""
         ids = self._obstacle_of_part[hits.part]
         on_road = np.flatnonzero(self.surfaces(hits) == Surface.ROAD)
+        x, y = points_m[on_road, 0], points_m[on_road, 1]
+        order = np.argsort(x)
         for placed, relief in self.terrain.reliefs:
-            x, y = points_m[on_road, 0], points_m[on_road, 1]
-            near = np.hypot(x - placed.x_m, y - placed.y_m) <= relief.reach_m
-            inside = placed.covers(x[near], y[near])
-            ids[on_road[near][inside]] = placed.obstacle_id
+            first, last = np.searchsorted(x, [placed.x_m - relief.reach_m, placed.x_m + relief.reach_m], sorter=order)
+            beside = order[first:last]
+            near = beside[np.abs(y[beside] - placed.y_m) <= relief.reach_m]
+            ids[on_road[near[placed.covers(x[near], y[near])]]] = placed.obstacle_id
         return ids
 
     def sweep(
