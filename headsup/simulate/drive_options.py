@@ -1,0 +1,115 @@
+"""The options that every command shares which makes drives: one list of them, and what they mean."""
+
+from __future__ import annotations
+
+import inspect
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, fields
+from enum import StrEnum
+from functools import wraps
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, get_type_hints
+
+import typer
+
+if TYPE_CHECKING:
+    from simulator.record import RecordingPlan
+    from simulator.worlds import WorldPlan
+
+
+class RoadClass(StrEnum):
+    """Road classes of ISO 8608 as options."""
+
+    A = "A"
+    B = "B"
+    C = "C"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class DriveOptions:
+    """What is asked of each drive; with a seed it makes a plan."""
+
+    egos: Annotated[int, typer.Option("--egos", min=1, max=8, help="Recording vehicles.")] = 2
+    seconds: Annotated[float, typer.Option("--seconds", min=0.1, max=300.0, help="Recorded by each vehicle.")] = 20.0
+    sensors: Annotated[
+        str, typer.Option("--sensors", help="A sensors.json, or a built-in rig: paper, hdl64, hdl32.")
+    ] = "paper"
+    images: Annotated[
+        bool, typer.Option("--images/--no-images", help="Cameras take most of the time; LiDAR alone is fast.")
+    ] = True
+    mcap: Annotated[bool, typer.Option("--mcap/--no-mcap", help="An MCAP file per vehicle beside CARLA's layout.")] = (
+        True
+    )
+    traffic: Annotated[bool, typer.Option("--traffic/--no-traffic", help="Other cars and pedestrians.")] = True
+    changes: Annotated[
+        bool,
+        typer.Option("--changes/--no-changes", help="Obstacles appear, grow or go between two vehicles' passes."),
+    ] = True
+    roughness: Annotated[
+        RoadClass | None, typer.Option("--roughness", help="Road class of ISO 8608; by default from the seed.")
+    ] = None
+    data: Annotated[
+        Path | None, typer.Option("--data", help="Folder with potholes/*.ply: real scans as the street's potholes.")
+    ] = None
+
+    def __post_init__(self) -> None:
+        # Ranges let NaN through.
+        if not math.isfinite(self.seconds):
+            raise typer.BadParameter(f"{self.seconds} is not a number of seconds", param_hint="--seconds")
+
+    def planner(self) -> Callable[[int], RecordingPlan]:
+        """The plan of each seed; files are read once. ScanError, SensorConfigError and OSError say what is wrong."""
+        from simulator.record import RecordingPlan
+        from simulator.scenario import ScenarioPlan
+
+        world, sensors = self._world(), self._sensors()
+
+        def plan(seed: int) -> RecordingPlan:
+            asked = ScenarioPlan(seed, self.egos, self.seconds, traffic=self.traffic, changes=self.changes, world=world)
+            return RecordingPlan(asked, sensors, mcap=self.mcap)
+
+        return plan
+
+    def _world(self) -> WorldPlan:
+        from simulator.scan import find_scans, load_scan
+        from simulator.street import Roughness
+        from simulator.worlds import WorldPlan
+
+        scans = tuple(load_scan(path) for path in find_scans(self.data / "potholes")) if self.data is not None else ()
+        return WorldPlan(roughness=Roughness[self.roughness.value] if self.roughness else None, scans=scans)
+
+    def _sensors(self) -> list[dict[str, object]]:
+        """The list of a sensors.json or of a built-in rig, without cameras where no images are wanted."""
+        from simulator.sensor_config import SensorConfigError, load_sensors
+        from simulator.sensor_rigs import RIGS, sensor_rig
+
+        if self.sensors not in RIGS and not Path(self.sensors).exists():
+            raise SensorConfigError(f"{self.sensors}: no such file, and no built-in rig ({', '.join(RIGS)})")
+        rig = sensor_rig(self.sensors) if self.sensors in RIGS else load_sensors(Path(self.sensors))
+        return [e for e in rig.entries if self.images or not str(e["type"]).startswith("sensor.camera.")]
+
+
+def with_drive_options(command: Callable[..., None]) -> Callable[..., None]:
+    """A command whose parameter `options: DriveOptions` is given by one option for each of its fields."""
+    own = inspect.signature(command, eval_str=True).parameters.values()
+    hints, names = get_type_hints(DriveOptions, include_extras=True), [field.name for field in fields(DriveOptions)]
+    shared = [
+        inspect.Parameter(
+            field.name, inspect.Parameter.KEYWORD_ONLY, default=field.default, annotation=hints[field.name]
+        )
+        for field in fields(DriveOptions)
+    ]
+
+    @wraps(command)
+    def taking_all(**values: Any) -> None:
+        options = DriveOptions(**{name: values.pop(name) for name in names})
+        command(**values, options=options)
+
+    parameters = [
+        *(parameter.replace(kind=inspect.Parameter.KEYWORD_ONLY) for parameter in own if parameter.name != "options"),
+        *shared,
+    ]
+    taking_all.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
+    taking_all.__annotations__ = {parameter.name: parameter.annotation for parameter in parameters}
+    return taking_all
