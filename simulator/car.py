@@ -1,4 +1,4 @@
-"""A parked hatchback: body and wheels as meshes, and where its glass begins; x forward, on z = 0."""
+"""A hatchback: body and wheels as meshes, and where its glass begins; x forward, on z = 0."""
 
 from __future__ import annotations
 
@@ -7,6 +7,8 @@ from numpy.typing import NDArray
 from scipy.interpolate import PchipInterpolator
 
 from simulator.mesh import Mesh, cylinder, grid, joined, pose
+from simulator.mover import Model
+from simulator.scenery import Colour, Part, Surface
 
 FloatArray = NDArray[np.float64]
 
@@ -70,3 +72,9 @@ def wheels() -> Mesh:
     """Four wheels."""
     wheel = cylinder(WHEEL_RADIUS_M, 0.20, sides=32).moved(pose(0, 0.10, 0, roll_rad=np.pi / 2))
     return joined([wheel.moved(pose(x, y, WHEEL_RADIUS_M)) for x in AXLES_X_M for y in (-HALF_TRACK_M, HALF_TRACK_M)])
+
+
+def model(colour: Colour) -> Model:
+    """The car as something that moves."""
+    parts = (Part(Surface.CAR, body(), colour=colour), Part(Surface.WHEEL, wheels(), colour=(0.02, 0.02, 0.02)))
+    return Model(parts, middle_m=0.7, radius_m=2.4)

@@ -20,6 +20,7 @@ from simulator.debris import Debris, broken_pallet
 from simulator.mesh import pose
 from simulator.pothole import Relief, bump, pothole
 from simulator.road import Road, straight_road
+from simulator.road_features import joint, manhole, patch
 
 FloatArray = NDArray[np.float64]
 
@@ -246,8 +247,15 @@ def first_light_street(seed: int, scans: Sequence[Relief] = ()) -> Street:
         for number, (kind, x, y, shape) in enumerate(places, start=1)
     )
     cars = (
-        ParkedCar(231.0, 2.45, -0.05, math.pi, 0.0, (0.20, 0.018, 0.016)),
         # Two wheels on the kerb: 12 cm over a track of 1.5 m.
+        ParkedCar(231.0, 4.05, -0.005, math.pi, -0.08, (0.20, 0.018, 0.016)),
         ParkedCar(252.0, -4.05, -0.005, 0.0, -0.08, (0.045, 0.085, 0.16)),
     )
-    return Street(seed, obstacles, cars)
+    features = [
+        PlacedFeature(Feature.PATCH, 176.0, -1.9, 0.0, patch(rng, 2.8, 1.1)),
+        PlacedFeature(Feature.MANHOLE, 228.5, -1.8, 0.0, manhole(rng)),
+        PlacedFeature(Feature.PATCH, 251.5, 1.6, 0.0, patch(rng, 3.6, 1.3)),
+        PlacedFeature(Feature.MANHOLE, 275.0, -2.2, 0.0, manhole(rng)),
+        PlacedFeature(Feature.JOINT, 297.0, 0.0, 0.0, joint(6.9)),
+    ]
+    return Street(seed, obstacles, cars, tuple(features))

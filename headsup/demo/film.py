@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from headsup.demo.problem import DemoError
 from simulator.camera import CameraModel
+from simulator.mover import Mover
 from simulator.street import Street
 from simulator.world import World
 from vehicle_client.ar.renderer import draw
@@ -30,18 +31,18 @@ FRAMES_PER_S = 10.0
 POLL_S = 0.2
 MAX_WAITING = 8
 
-Shot = tuple[NDArray[np.float64], Scene]
-"""Where the car is, `street_from_vehicle` (4, 4), and what its driver is shown."""
+Shot = tuple[NDArray[np.float64], float, Scene]
+"""Where the car is, `street_from_vehicle` (4, 4), the world's time, and what its driver is shown."""
 
 
 class Film:
     """VP9 in MP4, 640 x 360 at 10 pictures a second. Shots are queued; `finish` waits until all are on disk."""
 
-    def __init__(self, path: Path, street: Street) -> None:
+    def __init__(self, path: Path, street: Street, movers: tuple[Mover, ...]) -> None:
         context = multiprocessing.get_context("spawn")
         self._shots: Queue[Shot | None] = context.Queue()
         self._done = context.Value("i", 0)
-        self._process = context.Process(target=_make, args=(path, street, self._shots, self._done), daemon=True)
+        self._process = context.Process(target=_make, args=(path, street, movers, self._shots, self._done), daemon=True)
         self._path = path
         self._count = 0
 
@@ -49,9 +50,9 @@ class Film:
         self._process.start()
         return self
 
-    def add(self, street_from_vehicle: NDArray[np.float64], scene: Scene) -> None:
+    def add(self, street_from_vehicle: NDArray[np.float64], time_s: float, scene: Scene) -> None:
         """Append a shot."""
-        self._shots.put((street_from_vehicle, scene))
+        self._shots.put((street_from_vehicle, time_s, scene))
         self._count += 1
 
     def finish(self, reporter: Reporter) -> None:
@@ -72,8 +73,14 @@ class Film:
         self._process.join()
 
 
-def _make(path: Path, street: Street, shots: Queue[Shot | None], done: Synchronized[int]) -> None:
-    world = World(street)
+def _make(
+    path: Path,
+    street: Street,
+    movers: tuple[Mover, ...],
+    shots: Queue[Shot | None],
+    done: Synchronized[int],
+) -> None:
+    world = World(street, movers)
     code = cv2.VideoWriter.fourcc(*"vp09")
     writer = cv2.VideoWriter(str(path), code, FRAMES_PER_S, (CAMERA.width_px, CAMERA.height_px))
     if not writer.isOpened():
@@ -82,8 +89,9 @@ def _make(path: Path, street: Street, shots: Queue[Shot | None], done: Synchroni
     with ThreadPoolExecutor(max_workers=1) as encoder:
         waiting: deque[Future[None]] = deque()
         while (shot := shots.get()) is not None:
-            street_from_vehicle, scene = shot
-            waiting.append(encoder.submit(_write, writer, draw(scene, world.render(CAMERA, street_from_vehicle))))
+            street_from_vehicle, time_s, scene = shot
+            picture = draw(scene, world.render(CAMERA, street_from_vehicle, 2, time_s))
+            waiting.append(encoder.submit(_write, writer, picture))
             if len(waiting) > MAX_WAITING:
                 waiting.popleft().result()
             done.value += 1

@@ -104,7 +104,7 @@ class Album:
         due = [m for m in MOMENTS if m.car == car and f"{m.name}.png" not in self.stills and m.when(step)]
         if not due:
             return
-        image = world.render(STILL, moment.street_from_vehicle, SUPERSAMPLE)
+        image = world.render(STILL, moment.street_from_vehicle, SUPERSAMPLE, moment.time_s)
         camera = camera_calibration(STILL)
         for still in due:
             self._keep(still.name, still.caption, draw(driver_scene(step, calibration, camera, still.car), image))

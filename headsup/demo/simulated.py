@@ -7,6 +7,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from simulator import car
 from simulator.camera import CameraModel
 from simulator.changes import ChangingStreet, Worlds
 from simulator.drive import Drive
@@ -14,11 +15,13 @@ from simulator.gnss import GnssModel
 from simulator.imu import ImuModel
 from simulator.lidar import LidarModel
 from simulator.mesh import pose
+from simulator.mover import Mover
+from simulator.people import pedestrian
 from simulator.readings import EgoFrame, GnssReading, ImuReading, LidarReading, SensorName
 from simulator.scenario import Ego
 from simulator.sensor_config import RigSensor, SensorRig
-from simulator.street import DRAWN_BEYOND_M, LANE_CENTRE_M
-from simulator.trajectory import Sway, Trajectory, path_beside
+from simulator.street import DRAWN_BEYOND_M, LANE_CENTRE_M, Street
+from simulator.trajectory import STEADY, Sway, Trajectory, path_beside
 from simulator.world import World
 from vehicle_client.calibration import CameraCalibration, VehicleCalibration
 from vehicle_client.sources.frame import GnssFix, LidarFrame
@@ -100,3 +103,22 @@ def calibration() -> VehicleCalibration:
 def camera_calibration(model: CameraModel) -> CameraCalibration:
     """The simulated camera as the vehicle knows it."""
     return CameraCalibration(model.matrix, model.width_px, model.height_px, model.vehicle_from_camera)
+
+
+def passers_by(street: Street, seed: int) -> tuple[Mover, ...]:
+    """Cars that come the other way, and people on the pavements."""
+    main, rng = street.main, np.random.default_rng([seed, 3])
+    oncoming = path_beside(main, -LANE_CENTRE_M, -1)
+    times, cars = (
+        np.arange(4.0),
+        [(270.0, (0.32, 0.32, 0.33)), (395.0, (0.05, 0.10, 0.06)), (470.0, (0.55, 0.55, 0.53))],
+    )
+    ways = [(oncoming, DRAWN_BEYOND_M + street.length_m - x, 12.0, car.model(colour)) for x, colour in cars]
+    for side, direction, x in ((1, 1, 205.0), (-1, 1, 236.0), (1, -1, 281.0)):
+        pavement = path_beside(main, side * 4.7, direction, main.section.kerb_height_m + 0.02)
+        start = DRAWN_BEYOND_M + (x if direction > 0 else street.length_m - x)
+        ways.append((pavement, start, float(rng.uniform(0.9, 1.5)), pedestrian(seed + int(x))))
+    return tuple(
+        Mover(number, model, Trajectory(path, times, start + speed * times, STEADY, number))
+        for number, (path, start, speed, model) in enumerate(ways, start=1)
+    )

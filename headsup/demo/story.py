@@ -27,8 +27,9 @@ from headsup.demo.problem import DemoError
 from headsup.demo.record import DriveRecord
 from headsup.demo.report import write_report
 from headsup.demo.server_process import ServerProcess
-from headsup.demo.simulated import SimulatedSource, calibration, camera_calibration, drive_on
+from headsup.demo.simulated import SimulatedSource, calibration, camera_calibration, drive_on, passers_by
 from headsup.demo.summary import Summary, write_summary
+from simulator.mover import Mover
 from simulator.pothole import Relief
 from simulator.readings import EgoFrame
 from simulator.scan import find_scans, load_scan
@@ -74,15 +75,16 @@ def acts(street: Street) -> list[Act]:
 
 
 class Worlds:
-    """The world of the latest street: acts on the same street share it."""
+    """The world of the latest street, and who passes by in every act: acts on the same street share it."""
 
-    def __init__(self) -> None:
+    def __init__(self, movers: tuple[Mover, ...]) -> None:
+        self._movers = movers
         self._world: World | None = None
 
     def of(self, street: Street) -> World:
         """The world of a street."""
         if self._world is None or self._world.street is not street:
-            self._world = World(street)
+            self._world = World(street, self._movers)
         return self._world
 
 
@@ -103,7 +105,7 @@ def tell(out: Path, data: Path | None, seed: int, *, with_video: bool) -> Summar
     scans = _scans(data) if data is not None else ()
     out.mkdir(parents=True, exist_ok=True)
     street = first_light_street(seed, scans)
-    plan = acts(street)
+    plan, movers = acts(street), passers_by(street, seed)
     film_path = out / "ego2.mp4" if with_video else None
     (out / "ego2.mp4").unlink(missing_ok=True)
     reporter, album = Reporter([*(act.car for act in plan), *(["film"] if with_video else [])]), Album(out)
@@ -111,11 +113,11 @@ def tell(out: Path, data: Path | None, seed: int, *, with_video: bool) -> Summar
         tempfile.TemporaryDirectory(prefix="headsup-demo-") as folder,
         reporter,
         ServerProcess(Path(folder), out / "server.log") as server,
-        Film(film_path, street) if film_path is not None else nullcontext() as film,
+        Film(film_path, street, movers) if film_path is not None else nullcontext() as film,
     ):
         keys = {act.car: server.create_key(act.car) for act in plan}
         server.start()
-        stage = Stage(server, Worlds(), album, film, reporter, Path(folder))
+        stage = Stage(server, Worlds(movers), album, film, reporter, Path(folder))
         records = [_drive(act, stage, keys[act.car], seed + number) for number, act in enumerate(plan)]
         obstacles = _fetch_obstacles(server, street, keys[plan[0].car])
         if film is not None:
@@ -160,7 +162,9 @@ def _keep(act: Act, stage: Stage, record: DriveRecord, step: Step, moment: EgoFr
     stage.album.consider(act.car, step, record.calibration, world, moment)
     if act.filmed and stage.film is not None:
         camera = camera_calibration(CAMERA)
-        stage.film.add(moment.street_from_vehicle, driver_scene(step, record.calibration, camera, act.car))
+        stage.film.add(
+            moment.street_from_vehicle, moment.time_s, driver_scene(step, record.calibration, camera, act.car)
+        )
 
 
 def _fetch_obstacles(server: ServerProcess, street: Street, key: str) -> ObstacleCollection:
