@@ -76,5 +76,5 @@ def test_a_film_that_cannot_be_written_is_an_error_that_names_it(tmp_path: Path)
     class Silent:
         def progress(self, name: str, done: int, total: int) -> None: ...
 
-    with Film(path, first_light_street(1)) as film, pytest.raises(DemoError, match=r"film\.mp4"):
+    with Film(path, first_light_street(1), ()) as film, pytest.raises(DemoError, match=r"film\.mp4"):
         film.finish(Silent())
