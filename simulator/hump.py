@@ -12,12 +12,17 @@ from simulator.outline import local_grid, noise, outline_radius, smoothstep
 from simulator.relief import GRID_STEP_M, Material, Relief
 
 FloatArray = NDArray[np.float64]
+BoolArray = NDArray[np.bool_]
 
 RAMP_GRADIENT = 1 / 12
 """TRL report 186 found ramps of 1:10 to 1:15 to bring cars below 20 mph at a height of 75 mm."""
 
 SIDE_TAPER_M = 0.30
 """Humps end in a taper at the kerb, which leaves the channel open for water."""
+
+
+MARK_LENGTH_M, MARK_PERIOD_M = 0.75, 0.80
+"""Size of the painted triangles along and across the road."""
 
 
 class HumpProfile(StrEnum):
@@ -57,7 +62,16 @@ def speed_hump(
     section = _SECTIONS[profile](np.abs(x_m), length_m, height_m)
     footprint = (np.abs(x_m) < length_m / 2) & (np.abs(y_m) < width_m / 2)
     materials = np.where(footprint, Material.PATCH, Material.ASPHALT).astype(np.uint8)
+    materials[_triangles(x_m, y_m, length_m) & (sides > 0.5)] = Material.MARK
     return Relief(np.where(footprint, section * sides, 0.0), footprint, GRID_STEP_M, materials=materials)
+
+
+def _triangles(x_m: FloatArray, y_m: FloatArray, length_m: float) -> BoolArray:
+    """White triangles that point up the near ramp (as diagram 1062 of the British traffic signs regulations)."""
+    up = (x_m + length_m / 2 - 0.05) / min(MARK_LENGTH_M, 0.4 * length_m)
+    across = np.abs(y_m - MARK_PERIOD_M * np.rint(y_m / MARK_PERIOD_M))
+    inside: BoolArray = (up > 0) & (across < 0.45 * MARK_PERIOD_M * (1 - up))
+    return inside
 
 
 def _sinusoidal(x_m: FloatArray, length_m: float, height_m: float) -> FloatArray:

@@ -12,9 +12,13 @@ from simulator.view import View, blend, rgb
 Float32Array = NDArray[np.float32]
 FloatArray = NDArray[np.float64]
 
-EXPOSED, STONES, DUST = rgb(0.052, 0.049, 0.045), rgb(0.115, 0.100, 0.082), rgb(0.20, 0.17, 0.13)
+EXPOSED, STONES, DUST = rgb(0.052, 0.049, 0.045), rgb(0.102, 0.091, 0.077), rgb(0.20, 0.17, 0.13)
 FRESH_ASPHALT, SEALANT = rgb(0.040, 0.040, 0.043), rgb(0.016, 0.016, 0.018)
-MUDDY_WATER, WET = rgb(0.060, 0.050, 0.036), np.float32(0.55)
+MUDDY_WATER, WET = rgb(0.036, 0.031, 0.024), np.float32(0.55)
+WHITE = rgb(0.55, 0.54, 0.50)
+
+HALO_SCALES = (1.05, 1.12, 1.20, 1.30, 1.45, 1.60)
+"""Enlarged footprints whose mean is a soft ring around a hole."""
 
 
 WET_ABOVE_WATER_M = 0.012
@@ -46,6 +50,8 @@ def paint_relief(
     patch = material == Material.PATCH
     colour[patch] = (FRESH_ASPHALT * (1 + 0.20 * grain + 0.08 * mottle)[:, None])[patch]
     _seal(relief, u_m, v_m, patch, colour)
+    mark = material == Material.MARK
+    colour[mark] = (WHITE * np.clip(1 - 0.10 * mottle - 0.08 * grain, 0.6, 1.1)[:, None])[mark]
     water = material == Material.WATER
     if water.any():
         level_m = height_m[water].min()
@@ -81,9 +87,12 @@ def _paint_hole(
     inside = relief.covers(u_m, v_m)
     colour[:] = blend(colour, floor, (inside * np.clip(deep_m / 0.008, 0, 1)).astype(np.float32))
     openness[:] = np.where(inside, 1 - 0.70 * np.clip(deep, 0, 1), openness)
-    around = relief.covers(u_m / 1.25, v_m / 1.25) & ~inside
-    dust = np.clip(0.22 + 0.20 * mottle + 0.12 * grain, 0, 0.5)
-    colour[:] = blend(colour, DUST, (around * dust).astype(np.float32))
+    halo = np.mean([relief.covers(u_m / scale, v_m / scale) for scale in HALO_SCALES], axis=0) * ~inside
+    # Tired asphalt cracks around a hole before it breaks out; the cracks follow the noise's zero crossings.
+    cracked = np.clip(1 - np.abs(mottle) / 0.10, 0, 1) * np.clip(halo * 1.6 - 0.3, 0, 1)
+    colour *= (1 - 0.55 * cracked).astype(np.float32)[:, None]
+    dust = np.clip(0.10 + 0.22 * mottle + 0.10 * grain, 0, 0.6) * halo
+    colour[:] = blend(colour, DUST, dust.astype(np.float32))
 
 
 def _paint_rise(

@@ -30,6 +30,7 @@ class Material(IntEnum):
     WATER = 3
     PATCH = 4
     DEBRIS = 5
+    MARK = 6
 
 
 @dataclass(frozen=True, slots=True)
