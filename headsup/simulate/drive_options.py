@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import inspect
-import math
 from collections.abc import Callable
 from dataclasses import dataclass, fields
 from enum import StrEnum
@@ -52,11 +51,6 @@ class DriveOptions:
     data: Annotated[
         Path | None, typer.Option("--data", help="Folder with potholes/*.ply: real scans as the street's potholes.")
     ] = None
-
-    def __post_init__(self) -> None:
-        # Ranges let NaN through.
-        if not math.isfinite(self.seconds):
-            raise typer.BadParameter(f"{self.seconds} is not a number of seconds", param_hint="--seconds")
 
     def planner(self) -> Callable[[int], RecordingPlan]:
         """The plan of each seed; files are read once. ScanError, SensorConfigError and OSError say what is wrong."""
