@@ -7,6 +7,7 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
+from simulator.debris import WOOD
 from simulator.paint_asphalt import AsphaltPaint
 from simulator.paint_objects import paint_car, paint_facade, paint_wheel
 from simulator.paint_stone import StonePaint
@@ -39,7 +40,7 @@ class Painter:
             Surface.CAR: lambda view: paint_car(view, *view.local(), self._colour(view), daylight),
             Surface.WHEEL: lambda view: paint_wheel(view, *view.local()),
             Surface.TREE: lambda view: stone.leaves(view, view.local()[0], self._colour(view)),
-            Surface.DEBRIS: lambda view: stone.wood(view, view.local()[0], self._colour(view)),
+            Surface.DEBRIS: self._debris,
         }
 
     def paint(self, view: View) -> Paint:
@@ -59,6 +60,14 @@ class Painter:
         local, normal = view.local()
         plaster = self._stone.plaster(local, view.pixel_m)
         return paint_facade(view, local, normal, self._colour(view), plaster, self._daylight)
+
+    def _debris(self, view: View) -> Paint:
+        """Boards show their grain; all else on the road has one colour."""
+        paint = self._plain(view)
+        boards = np.flatnonzero((self._colour(view) == np.float32(WOOD)).all(axis=1))
+        wooden = view.only(boards)
+        paint.albedo[boards] = self._stone.wood(wooden, wooden.local()[0], self._colour(wooden)).albedo
+        return paint
 
     def _plain(self, view: View) -> Paint:
         return self._stone.plain(view, self._colour(view))
