@@ -4,16 +4,23 @@ from __future__ import annotations
 
 import multiprocessing
 import os
-from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import ProcessPoolExecutor
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import Future, ProcessPoolExecutor, ThreadPoolExecutor
 from concurrent.futures import wait as wait_for
-from dataclasses import dataclass
+from concurrent.futures.process import BrokenProcessPool
+from contextlib import contextmanager
+from dataclasses import dataclass, fields
 from datetime import UTC, datetime
+from importlib.metadata import version
 from multiprocessing.sharedctypes import SynchronizedArray
+from multiprocessing.synchronize import Event
 from pathlib import Path
 
 from simulator.changes import Worlds
 from simulator.drive import Drive, tick_of
+from simulator.fingerprint import plain
+from simulator.readings import EgoFrame
+from simulator.recording.files import RecordingError
 from simulator.recording.header import RecordingHeader
 from simulator.recording.writer import EgoSummary, EgoWriter, begin_recording, end_recording
 from simulator.scenario import Scenario, ScenarioPlan, scenario
@@ -26,7 +33,11 @@ START = datetime(2025, 6, 15, 10, 0, tzinfo=UTC)
 """The world's time 0, fixed: a recording's bytes follow from its plan alone."""
 
 Progress = Callable[[list[int]], None]
-"""Told how many frames of each ego are written."""
+"""Told how many frames of each ego are written; what it raises ends the recording."""
+
+
+class StoppedError(RuntimeError):
+    """A vehicle's recording ended early because another one's did."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,6 +55,15 @@ class RecordingPlan:
         return read_sensors({"sensors": list(self.sensors)})
 
     @property
+    def asked(self) -> dict[str, object]:
+        """What the bytes follow from besides seed, sensors and start, in plain values."""
+        asked = {field.name: plain(getattr(self.scenario, field.name)) for field in fields(self.scenario)}
+        world = {field.name: plain(getattr(self.scenario.world, field.name)) for field in fields(self.scenario.world)}
+        # The one is stated by itself, the other follows from the time that is driven.
+        del asked["seed"], world["length_m"]
+        return {"headsup": version("headsup"), **asked, "world": world, "mcap": self.mcap}
+
+    @property
     def frames(self) -> int:
         """Frames of each ego."""
         return int(self.scenario.seconds / tick_of(self.rig) + 1e-6)
@@ -55,45 +75,81 @@ def record(plan: RecordingPlan, folder: Path, progress: Progress) -> Scenario:
     header = _header(plan, happening)
     truth = happening.changing.truth()
     begin_recording(folder, header, truth)
-    egos = len(happening.egos)
-    context = multiprocessing.get_context("spawn")
-    written = context.Array("i", egos)
-    workers = min(egos, os.cpu_count() or 1)
-    with ProcessPoolExecutor(workers, context, initializer=_share, initargs=(written,)) as pool:
-        drives = [pool.submit(_drive, plan, folder, ego) for ego in range(egos)]
-        try:
-            while wait_for(drives, timeout=POLL_S).not_done:
-                progress(written[:])
-                if any(drive.done() and drive.exception() for drive in drives):
-                    break
-            summaries = [drive.result() for drive in drives]
-        finally:
-            pool.shutdown(wait=False, cancel_futures=True)
-    progress(written[:])
+    summaries = _drive_all(plan, folder, len(happening.egos), progress)
     end_recording(folder, header, summaries)
     return happening
 
 
-_written: SynchronizedArray[int] | None = None
-"""In a worker: frames written by each ego, shared with the process that shows the progress."""
+def _drive_all(plan: RecordingPlan, folder: Path, egos: int, progress: Progress) -> list[EgoSummary]:
+    context = multiprocessing.get_context("spawn")
+    written, stop = context.Array("i", egos), context.Event()
+    workers = min(egos, os.cpu_count() or 1)
+    with ProcessPoolExecutor(workers, context, initializer=_share, initargs=(written, stop)) as pool:
+        drives = [pool.submit(_drive, plan, folder, ego) for ego in range(egos)]
+        try:
+            while wait_for(drives, timeout=POLL_S).not_done:
+                progress(written[:])
+                for drive in drives:
+                    if drive.done():
+                        drive.result()
+            progress(written[:])
+            return [drive.result() for drive in drives]
+        except BrokenProcessPool:
+            raise RecordingError("a vehicle's process was ended from outside: is there enough memory?") from None
+        finally:
+            stop.set()
 
 
-def _share(written: SynchronizedArray[int]) -> None:
-    global _written
-    _written = written
+@dataclass(frozen=True, slots=True)
+class _Shared:
+    """What a worker has in common with the process that started it: frames written by each ego, and whether to stop."""
+
+    written: SynchronizedArray[int]
+    stop: Event
+
+    def tell(self, ego: int, count: int) -> None:
+        """Say how far one ego is. `StoppedError` if there is nobody left to go on for."""
+        self.written[ego] = count
+        parent = multiprocessing.parent_process()
+        if self.stop.is_set() or (parent is not None and not parent.is_alive()):
+            raise StoppedError("another vehicle's recording has ended, or the command has")
+
+
+_shared: _Shared | None = None
+
+
+def _share(written: SynchronizedArray[int], stop: Event) -> None:
+    global _shared
+    _shared = _Shared(written, stop)
 
 
 def _drive(plan: RecordingPlan, folder: Path, ego: int) -> EgoSummary:
-    """Drive and write one vehicle, in a worker."""
+    """Drive and write one vehicle, in a worker: a frame is written while the next one is simulated."""
     happening = scenario(plan.scenario)
     drive = drive_of(happening, ego, plan.rig)
     header, truth = _header(plan, happening), happening.changing.truth()
-    with EgoWriter(folder, ego, header, truth, mcap=plan.mcap) as recording:
+    with EgoWriter(folder, ego, header, truth, mcap=plan.mcap) as recording, _beside(recording.write) as write:
         for count, frame in enumerate(drive, start=1):
-            recording.write(frame)
-            if _written is not None:
-                _written[ego] = count
+            write(frame)
+            if _shared is not None:
+                _shared.tell(ego, count)
     return recording.summary
+
+
+@contextmanager
+def _beside(write: Callable[[EgoFrame], None]) -> Iterator[Callable[[EgoFrame], None]]:
+    """Writing in a thread of its own, in order, at most one frame late; a failure comes with the next frame."""
+    with ThreadPoolExecutor(1) as thread:
+        latest: list[Future[None]] = []
+
+        def hand_over(frame: EgoFrame) -> None:
+            if latest:
+                latest.pop().result()
+            latest.append(thread.submit(write, frame))
+
+        yield hand_over
+        for last in latest:
+            last.result()
 
 
 def drive_of(happening: Scenario, ego: int, rig: SensorRig) -> Drive:
@@ -113,4 +169,5 @@ def _header(plan: RecordingPlan, happening: Scenario) -> RecordingHeader:
         georeference=street.georeference,
         enu_from_street=street.enu_from_street,
         sensors=plan.sensors,
+        asked=plan.asked,
     )

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from datetime import datetime
 
 import numpy as np
@@ -44,7 +44,8 @@ class RecordingHeader:
     """How a recording was made.
 
     `start` (with an offset) is the moment of the world's time 0, `tick_s` the step between frames; `sensors` is the
-    list of `sensors.json`, each a mapping with at least `type` and `role_name`; `enu_from_street` (4, 4).
+    list of `sensors.json`, each a mapping with at least `type` and `role_name`; `enu_from_street` (4, 4). `asked` are
+    the options it was made with, in plain values, where it can be made again.
     """
 
     made_by: str
@@ -54,6 +55,7 @@ class RecordingHeader:
     georeference: GeoReference
     enu_from_street: FloatArray
     sensors: Sequence[Mapping[str, object]]
+    asked: Mapping[str, object] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         if self.start.utcoffset() is None:
@@ -72,6 +74,7 @@ class RecordingHeader:
             "version": LAYOUT_VERSION,
             "made_by": self.made_by,
             "seed": self.seed,
+            "asked": dict(self.asked),
             "clock": {"start": self.start.isoformat(), "start_unix_s": self.start.timestamp(), "tick_s": self.tick_s},
             "georeference": {
                 "latitude_deg": place.latitude_deg,
