@@ -21,24 +21,40 @@ IndexArray = NDArray[np.int64]
 SLAB_BELOW_M = 0.10
 """Of solid road under the deepest place."""
 
+LARGEST_SIDE_M = 40.0
+"""A road's width and more."""
+
 WIDENING = 1.25
 """Cells grow by this factor from the relief's grid out to the border: flat road needs no detail."""
 
 
-def patch_half_size(relief: Relief, margin_m: float) -> tuple[float, float]:
-    """Half length and half width in metres of the patch: `margin_m` beyond the relief's undisturbed edge."""
-    rows, columns = relief.heights_m.shape
-    return ((columns + 1) / 2 * relief.step_m + margin_m, (rows + 1) / 2 * relief.step_m + margin_m)
+MARGIN_M = 0.3
+"""Of undisturbed road around a relief, where no size is asked for."""
 
 
-def patch_mesh(relief: Relief, margin_m: float = 0.3, max_vertices: int = 60_000) -> LabelledMesh:
+def patch_half_size(relief: Relief, side_m: float | None = None) -> tuple[float, float]:
+    """Half length and half width in metres of a patch: a square of `side_m`, else 0.3 m beyond what the relief bends.
+
+    `ValueError` for a square that does not hold the relief, or of more than 40 m.
+    """
+    bent_x_m, bent_y_m = _bent_half_size(relief)
+    if side_m is None:
+        return bent_x_m + MARGIN_M, bent_y_m + MARGIN_M
+    least_m = 2 * max(bent_x_m, bent_y_m)
+    if not least_m <= side_m <= LARGEST_SIDE_M:
+        raise ValueError(
+            f"a patch around this one has sides of {least_m:.2f} to {LARGEST_SIDE_M:.0f} m, not {side_m} m"
+        )
+    return side_m / 2, side_m / 2
+
+
+def patch_mesh(relief: Relief, side_m: float | None = None, max_vertices: int = 60_000) -> LabelledMesh:
     """Closed solid of the road around a relief, with at most `max_vertices`; every edge belongs to two triangles.
 
-    The cells are those of the relief's grid, or larger where the number of vertices asks for it.
+    Its size is that of `patch_half_size`. The cells are those of the relief's grid, or larger where the number of
+    vertices asks for it.
     """
-    if not (math.isfinite(margin_m) and 0 <= margin_m <= 20):
-        raise ValueError(f"the margin of a patch must be between 0 and 20 m, not {margin_m}")
-    half = patch_half_size(relief, margin_m)
+    half = patch_half_size(relief, side_m)
     xs, ys = _axes_within(relief, half, max_vertices)
     x, y = np.meshgrid(xs, ys)
     z = relief.height_at(x, y)
@@ -58,13 +74,18 @@ def patch_mesh(relief: Relief, margin_m: float = 0.3, max_vertices: int = 60_000
     return LabelledMesh(vertices, _closed(len(ys), len(xs), ring), label, material, uv)
 
 
+def _bent_half_size(relief: Relief) -> tuple[float, float]:
+    """Half length and half width of what lies within one step of the relief's grid."""
+    rows, columns = relief.heights_m.shape
+    return (columns + 1) / 2 * relief.step_m, (rows + 1) / 2 * relief.step_m
+
+
 def _axes_within(relief: Relief, half: tuple[float, float], max_vertices: int) -> tuple[FloatArray, FloatArray]:
     """Positions of the columns and rows: as fine as the relief's grid, coarser until the vertices are few enough."""
     step_m = relief.step_m
+    bent_x_m, bent_y_m = _bent_half_size(relief)
     while True:
-        rows, columns = relief.heights_m.shape
-        xs = _axis((columns + 1) / 2 * relief.step_m, half[0], step_m)
-        ys = _axis((rows + 1) / 2 * relief.step_m, half[1], step_m)
+        xs, ys = _axis(bent_x_m, half[0], step_m), _axis(bent_y_m, half[1], step_m)
         if len(xs) * len(ys) + 2 * (len(xs) + len(ys)) <= max_vertices:
             return xs, ys
         if len(xs) * len(ys) <= 25:

@@ -7,6 +7,7 @@ from dataclasses import dataclass, fields
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import ndimage
 
 from simulator.hump import bump
 from simulator.outline import local_grid, noise, one_piece, outline_radius, smoothstep
@@ -15,6 +16,7 @@ from simulator.relief import GRID_STEP_M, Material, Relief
 __all__ = ["GRID_STEP_M", "PotholeShape", "Relief", "bump", "pothole"]
 
 FloatArray = NDArray[np.float64]
+BoolArray = NDArray[np.bool_]
 
 FLOOR_SHARE = 0.86
 """Mean depth of a floor before its texture, as a share of the deepest place."""
@@ -117,12 +119,26 @@ class PotholeShape:
         uneven_crest = 1 + 0.7 * noise(rng, rho.shape, 0.05)
         inside_m = inside_m + self.rim_roughness_m * noise(rng, rho.shape, 0.08) * smoothstep((1.3 - rho) / 0.2)
         footprint = one_piece(inside_m > 0)
-        hole_m = np.where(footprint, smoothstep(inside_m / self.wall_m * slope) * (FLOOR_SHARE + texture), 0.0)
-        hole_m *= self.depth_m / hole_m.max()
+        shares = np.where(footprint, smoothstep(inside_m / self.wall_m * slope) * (FLOOR_SHARE + texture), 0.0)
         # Broken asphalt stands up within a hand's breadth of the edge.
         crest_m = self.rim_crest_m * np.exp(-(((inside_m + 0.03) / 0.03) ** 2)) * uneven_crest
         crest_m *= smoothstep((1.4 - rho) / 0.3)
-        return Relief(np.where(footprint, -hole_m, crest_m), footprint, GRID_STEP_M)
+        footprint, shares, crest_m = self._in_its_box(footprint, shares, crest_m)
+        return Relief(np.where(footprint, -self.depth_m * shares / shares.max(), crest_m), footprint, GRID_STEP_M)
+
+    def _in_its_box(
+        self, footprint: BoolArray, shares: FloatArray, crest_m: FloatArray
+    ) -> tuple[BoolArray, FloatArray, FloatArray]:
+        """Grids moved and stretched so that the footprint, whose edge was made ragged, fills its box again."""
+        rows, columns = (np.flatnonzero(footprint.any(axis=axis)) for axis in (1, 0))
+        at = [
+            (found[0] + found[-1]) / 2 + (np.arange(size) - (size - 1) / 2) * (len(found) * GRID_STEP_M / side_m)
+            for found, size, side_m in zip((rows, columns), footprint.shape, (self.width_m, self.length_m), strict=True)
+        ]
+        positions = np.stack(np.meshgrid(*at, indexing="ij"))
+        inside: BoolArray = ndimage.map_coordinates(footprint, positions, order=0)
+        shares, crest_m = (ndimage.map_coordinates(grid, positions, order=1) for grid in (shares, crest_m))
+        return one_piece(inside), shares, crest_m
 
     def parameters(self) -> dict[str, object]:
         """Names and values, as a label file states them."""
