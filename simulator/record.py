@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import multiprocessing
 import os
+import signal
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import Future, ProcessPoolExecutor, ThreadPoolExecutor
 from concurrent.futures import wait as wait_for
@@ -120,6 +121,8 @@ _shared: _Shared | None = None
 
 def _share(written: SynchronizedArray[int], stop: Event) -> None:
     global _shared
+    # Ctrl-C reaches every process of a terminal; the one that was started by hand tells the others.
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
     _shared = _Shared(written, stop)
 
 
