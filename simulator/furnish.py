@@ -25,7 +25,7 @@ HOUSE_SETBACK_M, SECOND_ROW_M = 3.7, 12.5
 TREE_SETBACK_M = (5.5, 8.5)
 """Their shadows reach the pavement, not the lane."""
 
-LAMP_SPACING_M, LAMP_SETBACK_M = 32.0, 0.5
+LAMP_SPACING_M, LAMP_SETBACK_M, LAMP_MARGIN_M = 32.0, 0.5, 12.0
 ZONE_M = (45.0, 110.0)
 """Length of one kind of roadside where they alternate."""
 
@@ -36,14 +36,16 @@ def furnish(terrain: Terrain) -> list[Part]:
     rng = np.random.default_rng([street.seed, 1])
     clearance = Clearance(street)
     parts = [part for road in street.roads for part in borders(road)]
-    parts += [part for road in street.roads for part in _sides(street, road, clearance, rng)]
-    parts += [part for road in street.roads if road.bordered for part in _lamps(road)]
-    middle = street.main.line.at(np.array([street.length_m / 2])).position_m[0]
+    lined = [road for road in street.roads if not road.connecting]
+    parts += [part for road in lined for part in _sides(street, road, clearance, rng)]
+    parts += [part for road in lined for part in _lamps(road)]
+    middle = street.main.line.at(np.array([street.main.line.start_m + street.main.line.length_m / 2])).position_m[0]
     return [*parts, *_parked_cars(street), *_debris(terrain), land(street, clearance), hills(rng, middle)]
 
 
 def _sides(street: Street, road: Road, clearance: Clearance, rng: np.random.Generator) -> Iterator[Part]:
-    for side, style in zip((1, -1), street.roadsides, strict=True):
+    for side, wanted in zip((1, -1), street.roadsides, strict=True):
+        style = wanted if road.has_kerb(side) else Roadside.TREES
         s = road.line.start_m
         while s < road.line.end_m:
             end = road.line.end_m if style is not Roadside.MIXED else min(s + rng.uniform(*ZONE_M), road.line.end_m)
@@ -72,15 +74,20 @@ def _zone(
 
 
 def _lamps(road: Road) -> list[Part]:
-    """Street lamps on the left pavement."""
+    """Street lamps on the left pavement, or on the right one where it is the only one."""
+    sides = [side for side in (1, -1) if road.has_kerb(side)]
+    return _lamps_beside(road, sides[0]) if sides else []
+
+
+def _lamps_beside(road: Road, side: int) -> list[Part]:
     parts = []
-    for s in np.arange(road.line.start_m + 60.0, road.line.end_m - 60.0, LAMP_SPACING_M):
-        if any(o.side == 1 and o.start_m - 1 < s < o.end_m + 1 for o in road.openings):
+    for s in np.arange(road.line.start_m + LAMP_MARGIN_M, road.line.end_m - LAMP_MARGIN_M, LAMP_SPACING_M):
+        if any(o.side == side and o.start_m - 1 < s < o.end_m + 1 for o in road.openings):
             continue
-        arm = cylinder(0.035, 1.6, sides=8).moved(pose(0, 0, 6.2, roll_rad=math.radians(80)))
-        head = box(0.22, 0.55, 0.09).moved(pose(0, -1.7, 6.42))
+        arm = cylinder(0.035, 1.6, sides=8).moved(pose(0, 0, 6.2, roll_rad=side * math.radians(80)))
+        head = box(0.22, 0.55, 0.09).moved(pose(0, -1.7 * side, 6.42))
         lamp = joined([cylinder(0.075, 6.25, 0.05, 12), arm, head])
-        place = standing(road, float(s), float(road.half_width(np.array([s]))[0]) + LAMP_SETBACK_M)
+        place = standing(road, float(s), side * (float(road.half_width(np.array([s]))[0]) + LAMP_SETBACK_M))
         parts.append(Part(Surface.POLE, lamp, place, (0.10, 0.115, 0.11)))
     return parts
 
@@ -103,5 +110,5 @@ def _debris(terrain: Terrain) -> list[Part]:
             z = terrain.height_at(placed.x_m + around[:, 0], placed.y_m + around[:, 1])
             pitch, roll = -math.atan2(z[1] - z[2], 0.2), math.atan2(z[3] - z[4], 0.2)
             lying = pose(placed.x_m, placed.y_m, float(z[0]), 0.0, pitch, roll) @ pose(0, 0, 0, placed.yaw_rad)
-            parts.append(Part(Surface.DEBRIS, placed.shape.mesh, lying, (0.25, 0.175, 0.105), placed.obstacle_id))
+            parts.append(Part(Surface.DEBRIS, placed.shape.mesh, lying, placed.shape.colour, placed.obstacle_id))
     return parts

@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from simulator.mesh import grid
+from simulator.road import Road
 from simulator.roadside import VERGE_WIDTH_M
 from simulator.scenery import Part, Surface
 from simulator.street import Street
@@ -27,24 +28,44 @@ class Clearance:
     """Distance of positions to the nearest road's borders, and that road's height there."""
 
     def __init__(self, street: Street) -> None:
-        stations = [np.arange(road.line.start_m, road.line.end_m, 1.0) for road in street.roads]
-        points = [road.line.at(s).position_m for road, s in zip(street.roads, stations, strict=True)]
-        self._trees = [cKDTree(along[:, :2]) for along in points]
-        self._heights = [along[:, 2] for along in points]
-        self._border = [
-            road.half_width(s) + VERGE_WIDTH_M + (road.section.pavement_width_m if road.bordered else 0.0)
-            for road, s in zip(street.roads, stations, strict=True)
-        ]
+        self._roads = [_Strip(road) for road in street.roads]
 
     def at(self, xy_m: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Distance (N,) from the borders, negative inside them, and height (N,) of that road, of positions (N, 2)."""
         outside, height = np.full(len(xy_m), np.inf), np.zeros(len(xy_m))
-        for tree, heights, border in zip(self._trees, self._heights, self._border, strict=True):
-            to_line, index = tree.query(xy_m)
-            distance = to_line - border[np.asarray(index)]
-            nearer = distance < outside
-            outside[nearer], height[nearer] = distance[nearer], heights[np.asarray(index)[nearer]]
+        for road in self._roads:
+            maybe = np.flatnonzero(road.least_outside(xy_m) < outside)
+            if maybe.size:
+                distance, at = road.outside(xy_m[maybe])
+                nearer = distance < outside[maybe]
+                outside[maybe[nearer]], height[maybe[nearer]] = distance[nearer], at[nearer]
         return outside, height
+
+
+class _Strip:
+    """A road between its borders, sampled each metre."""
+
+    def __init__(self, road: Road) -> None:
+        s = np.linspace(road.line.start_m, road.line.end_m, max(2, round(road.line.length_m) + 1))
+        at = road.line.at(s)
+        self._points, self._heights = at.position_m[:, :2], at.position_m[:, 2]
+        self._left = np.stack([-np.sin(at.heading_rad), np.cos(at.heading_rad)], axis=1)
+        pavements = np.array([road.section.pavement_width_m if road.has_kerb(side) else 0.0 for side in (1, -1)])
+        self._borders = road.half_width(s)[:, None] + VERGE_WIDTH_M + pavements
+        self._tree = cKDTree(self._points)
+        self._low, self._high = self._points.min(axis=0), self._points.max(axis=0)
+
+    def least_outside(self, xy_m: FloatArray) -> FloatArray:
+        """No position (N, 2) is nearer (N,) to the borders than by the road's box."""
+        beyond = np.maximum(np.maximum(self._low - xy_m, xy_m - self._high), 0)
+        return np.asarray(np.hypot(beyond[:, 0], beyond[:, 1]) - self._borders.max())
+
+    def outside(self, xy_m: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Distance (N,) from the borders, negative inside, and height (N,) of the road at positions (N, 2)."""
+        to_line, nearest = self._tree.query(xy_m)
+        index = np.asarray(nearest)
+        on_left = np.einsum("ij,ij->i", xy_m - self._points[index], self._left[index]) > 0
+        return to_line - np.where(on_left, *self._borders[index].T), self._heights[index]
 
 
 def land(street: Street, clearance: Clearance) -> Part:

@@ -8,7 +8,8 @@ from numpy.typing import NDArray
 from simulator.paint_feature import paint_feature
 from simulator.paint_relief import mirrored_sky, paint_relief
 from simulator.pothole import Relief
-from simulator.road import Road, Section
+from simulator.road import EDGE_LINE_INSET_M, STOP_LINE_M, Road
+from simulator.road_layout import DASH_M, DASH_PERIOD_M, PaintedLine
 from simulator.sky import Daylight
 from simulator.street import PlacedObstacle, Street
 from simulator.texture import Texture, fractal_noise
@@ -17,16 +18,15 @@ from simulator.view import Paint, View, blend, repeated, rgb, step, stripe
 Float32Array = NDArray[np.float32]
 
 ASPHALT, FRESH_ASPHALT = rgb(0.088, 0.088, 0.088), rgb(0.040, 0.040, 0.043)
-DUST, WHITE = rgb(0.20, 0.17, 0.13), rgb(0.62, 0.61, 0.57)
+DUST = rgb(0.20, 0.17, 0.13)
+LINE_COLOURS = {"white": rgb(0.62, 0.61, 0.57), "yellow": rgb(0.62, 0.40, 0.06)}
 
 GRAIN_M, MOTTLE_M, PATCH_M = 0.004, 0.03, 0.35
 """Texel sizes: aggregate of asphalt concrete, its mottling, and stains."""
 
 WHEEL_TRACK_HALF_M = 0.75
-DASH_M, DASH_PERIOD_M = 3.0, 7.5
-MARK_HALF_WIDTH_M, EDGE_MARK_INSET_M = 0.06, 0.3
-STOP_LINE_M, STOP_LINE_HALF_M = 7.5, 0.15
-"""A side road's traffic stops before the footway that crosses its mouth."""
+STOP_LINE_HALF_M = 0.15
+REPAIR_SPACING_M, REPAIR_EDGE_M = 17.0, 0.9
 
 
 class AsphaltPaint:
@@ -38,7 +38,9 @@ class AsphaltPaint:
         self._grain = Texture(fractal_noise(int(seeds[0]), 1024, slope=0.0), GRAIN_M)
         self._mottle = Texture(fractal_noise(int(seeds[1]), 1024, slope=0.7), MOTTLE_M)
         self._stains = Texture(fractal_noise(int(seeds[2]), 512, slope=1.1), PATCH_M)
-        self._repairs = _repairs(street, np.random.default_rng(int(seeds[3])))
+        repairs = np.random.default_rng(int(seeds[3]))
+        self._repairs = [_repairs(street, road, repairs) for road in street.roads]
+        self._lines = [road.lines() for road in street.roads]
 
     def paint(self, view: View, road: NDArray[np.intp]) -> Paint:
         """Colours of hits on carriageways; `road` (N,) is the index of each one's road."""
@@ -51,7 +53,7 @@ class AsphaltPaint:
         for index in np.unique(road):
             chosen = np.flatnonzero(road == index)
             colour[chosen] = self._carriageway(
-                self._street.roads[index], view.only(chosen), along[chosen], tone[chosen], mottle[chosen], grain[chosen]
+                int(index), view.only(chosen), along[chosen], tone[chosen], mottle[chosen], grain[chosen]
             )
         glow, openness = np.zeros_like(colour), np.ones_like(x)
         for feature in self._street.features:
@@ -64,7 +66,7 @@ class AsphaltPaint:
 
     def _carriageway(
         self,
-        road: Road,
+        index: int,
         view: View,
         along: Float32Array,
         tone: Float32Array,
@@ -72,21 +74,28 @@ class AsphaltPaint:
         grain: Float32Array,
     ) -> Float32Array:
         """Colour (N, 3) of one road: tracks, repairs, cracks, marks, dust in the gutters."""
+        road = self._street.roads[index]
+        if road.connecting:
+            # Connecting roads overlap: which of two is seen must make no difference.
+            return np.asarray(ASPHALT * np.maximum(tone, 0.25)[:, None], dtype=np.float32)
         s, t, _ = view.road_m.T
         edge = road.half_width(s).astype(np.float32)
-        colour = ASPHALT * np.maximum(tone - _polish(road.section, t), 0.25)[:, None]
-        if road is self._street.main:
-            self._repair(colour, s, t, view.pixel_m)
+        colour = ASPHALT * np.maximum(tone - _polish(road, s, t), 0.25)[:, None]
+        self._repair(index, colour, s, t, view.pixel_m)
         colour *= 1 - 0.62 * self._cracks(s, t, along)[:, None]
-        if road.marked:
-            share = _marks(road, s, t, view.pixel_m, along) * np.clip(0.80 - 0.28 * mottle - 0.22 * grain, 0.05, 0.92)
-            colour = blend(colour, WHITE * (1 + 0.10 * grain)[:, None], share)
+        worn = np.clip(0.80 - 0.28 * mottle - 0.22 * grain, 0.05, 0.92)
+        for name, paint in LINE_COLOURS.items():
+            share = sum(
+                (_line(line, s, t, view.pixel_m, along) for line in self._lines[index] if line.colour == name),
+                _stop_line(road, s, t, along) if name == "white" else np.zeros_like(s),
+            )
+            colour = blend(colour, paint * (1 + 0.10 * grain)[:, None], np.minimum(share, 1) * worn)
         gutter = np.clip((np.abs(t) - edge + 0.45) / 0.45, 0, 1) * np.clip(0.45 + 0.25 * mottle, 0, 1)
         return blend(colour, DUST * np.float32(0.7), gutter * np.float32(0.6))
 
-    def _repair(self, colour: Float32Array, x: Float32Array, y: Float32Array, pixel: Float32Array) -> None:
+    def _repair(self, index: int, colour: Float32Array, x: Float32Array, y: Float32Array, pixel: Float32Array) -> None:
         """Darker rectangles where the road was opened, sealed with bitumen."""
-        for x0, y0, half_length, half_width, shade in self._repairs:
+        for x0, y0, half_length, half_width, shade in self._repairs[index]:
             near = np.flatnonzero(np.abs(x - x0) < half_length + 0.5)
             if near.size:
                 inside = np.minimum(half_length - np.abs(x[near] - x0), half_width - np.abs(y[near] - y0))
@@ -113,40 +122,49 @@ class AsphaltPaint:
         return np.asarray(openness, dtype=np.float32)
 
 
-def _marks(road: Road, s: Float32Array, t: Float32Array, pixel: Float32Array, along: Float32Array) -> Float32Array:
-    """Share of white paint: dashes between lanes, solid edges that end at openings, a stop line where a road joins."""
-    section = road.section
-    dashes = stripe(repeated(s, DASH_PERIOD_M), DASH_M / 2, along)
-    borders = [section.lane_offset_m(lane) + section.lane_width_m / 2 for lane in range(len(section.lanes) - 1)]
-    share = dashes * sum((stripe(t - np.float32(b), MARK_HALF_WIDTH_M, pixel) for b in borders), np.zeros_like(t))
-    edge = stripe(np.abs(t) - np.float32(section.half_width_m - EDGE_MARK_INSET_M), 0.05, pixel)
-    for opening in road.openings:
-        edge *= ~((s > opening.start_m) & (s < opening.end_m) & (np.sign(t) == opening.side))
-    share = share + 0.75 * edge
+def _line(
+    line: PaintedLine, s: Float32Array, t: Float32Array, pixel: Float32Array, along: Float32Array
+) -> Float32Array:
+    """Share of a painted line in each pixel."""
+    offset = np.interp(s, *line.offset_m.T).astype(np.float32)
+    share = stripe(t - offset, line.width_m / 2, pixel) * np.float32(line.cover)
+    if line.dashed:
+        share *= stripe(repeated(s, DASH_PERIOD_M), DASH_M / 2, along)
+    return np.asarray(np.where((s > line.from_m) & (s < line.to_m), share, 0), dtype=np.float32)
+
+
+def _stop_line(road: Road, s: Float32Array, t: Float32Array, along: Float32Array) -> Float32Array:
+    """Share of the line at which a side road's traffic stops."""
     if road.joins is None:
-        return np.asarray(share, dtype=np.float32)
+        return np.zeros_like(s)
+    arriving = (t > 0) & (t < road.section.half_width_m - EDGE_LINE_INSET_M)
     from_start = s - np.float32(road.line.start_m)
-    arriving = (t > 0) & (t < section.half_width_m - EDGE_MARK_INSET_M)
-    line = stripe(from_start - np.float32(STOP_LINE_M), STOP_LINE_HALF_M, along) * arriving
-    return np.asarray(np.where(from_start > STOP_LINE_M, share, 0) + line, dtype=np.float32)
+    return np.asarray(stripe(from_start - np.float32(STOP_LINE_M), STOP_LINE_HALF_M, along) * arriving)
 
 
-def _polish(section: Section, t: Float32Array) -> Float32Array:
+def _polish(road: Road, s: Float32Array, t: Float32Array) -> Float32Array:
     """Tyres polish and darken their paths; oil darkens the middle of a lane a little."""
-    lanes = [section.lane_offset_m(lane) for lane in range(len(section.lanes))]
-    paths = [lane + side for lane in lanes for side in (-WHEEL_TRACK_HALF_M, WHEEL_TRACK_HALF_M)]
-    polish = sum((np.exp(-np.square((t - np.float32(path)) / 0.34)) for path in paths), np.zeros_like(t))
-    oil = sum((np.exp(-np.square((t - np.float32(lane)) / 0.30)) for lane in lanes), np.zeros_like(t))
-    return np.asarray(0.20 * polish + 0.07 * oil, dtype=np.float32)
+    polish = np.zeros_like(t)
+    for lane in road.lane_offsets(s.astype(np.float64)):
+        from_middle = np.abs(t - lane.astype(np.float32))
+        polish += 0.20 * np.exp(-np.square((from_middle - np.float32(WHEEL_TRACK_HALF_M)) / 0.34))
+        polish += 0.07 * np.exp(-np.square(from_middle / 0.30))
+    return polish
 
 
-def _repairs(street: Street, rng: np.random.Generator) -> list[tuple[float, float, float, float, float]]:
-    """Rectangles (x, y, half length, half width, shade) across the whole drawn road, off the obstacles."""
+def _repairs(street: Street, road: Road, rng: np.random.Generator) -> list[tuple[float, float, float, float, float]]:
+    """Rectangles (s, t, half length, half width, shade) along a whole road, off the obstacles."""
+    if road.connecting:
+        return []
+    taken = np.array([(placed.x_m, placed.y_m) for placed in street.obstacles]).reshape(-1, 2)
+    taken_s, taken_t = road.line.project(taken) if len(taken) else (np.empty(0), np.empty(0))
     repairs = []
-    for x in np.arange(-80.0, street.length_m + 100.0, 17.0):
-        place = (x + rng.uniform(-5, 5), rng.uniform(-2.6, 2.6))
+    for s in np.arange(road.line.start_m + REPAIR_SPACING_M, road.line.end_m - 5.0, REPAIR_SPACING_M):
+        room = float(road.half_width(np.array([s]))[0]) - REPAIR_EDGE_M
+        place = (float(s + rng.uniform(-5, 5)), float(rng.uniform(-1, 1)) * max(room, 0.0))
         size = (rng.uniform(0.4, 2.2), rng.uniform(0.25, 0.8))
-        if all(abs(place[0] - placed.x_m) > size[0] + 1.5 for placed in street.obstacles):
+        near = (np.abs(taken_s - place[0]) < size[0] + 1.5) & (np.abs(taken_t) < 10.0)
+        if not near.any():
             repairs.append((*place, *size, rng.uniform(0.62, 0.85)))
     return repairs
 

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simulator.centreline import Centreline, alignment, straight
+from simulator.road_layout import Layout, PaintedLine
 
 FloatArray = NDArray[np.float64]
 
@@ -23,6 +24,11 @@ OVERLAP_M = 0.3
 
 MOUTH_BLEND_M = 8.0
 """Over this length a side road's surface leaves that of the road it joins."""
+
+STOP_LINE_M = 7.5
+"""A side road's traffic stops before the footway that crosses its mouth; its other lines begin there."""
+
+EDGE_LINE_INSET_M, EDGE_LINE_WIDTH_M, EDGE_LINE_COVER = 0.3, 0.10, 0.75
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,8 +67,10 @@ class Opening:
 class Road:
     """A road through the frame `street`.
 
-    `joins` is the road whose edge this one begins at, with kerbs rounded by `mouth_radius_m`. `widths_m` (K, 2), if
-    given, are (s, half width) pairs that replace the section's width. `bordered` roads have kerbs and pavements.
+    `joins` is the road whose edge this one begins at, with kerbs rounded by `mouth_radius_m`. `kerbs` says on which
+    sides, left and right, there are kerb and pavement instead of a plain verge. A `layout` replaces the section's
+    lanes and widths. A `connecting` road leads through a junction and overlaps others of its kind: nothing is painted
+    on it, nothing stands beside it.
     """
 
     line: Centreline
@@ -70,14 +78,14 @@ class Road:
     openings: tuple[Opening, ...] = ()
     joins: Road | None = None
     mouth_radius_m: float = 6.0
-    widths_m: FloatArray | None = None
-    bordered: bool = True
-    marked: bool = True
+    kerbs: tuple[bool, bool] = (True, True)
+    layout: Layout | None = None
+    connecting: bool = False
 
     def half_width(self, s_m: FloatArray) -> FloatArray:
         """Half of the carriageway at distances (N,), wider where the mouth opens."""
-        if self.widths_m is not None:
-            return np.interp(s_m, self.widths_m[:, 0], self.widths_m[:, 1])
+        if self.layout is not None:
+            return np.interp(s_m, self.layout.s_m, self.layout.half_width_m)
         width = np.full(np.shape(s_m), self.section.half_width_m)
         if self.joins is not None:
             radius = self.mouth_radius_m
@@ -88,7 +96,7 @@ class Road:
     def height(self, s_m: FloatArray, t_m: FloatArray) -> FloatArray:
         """Height of the sound, smooth road (N,) at distances s and offsets t."""
         stations = self.line.at(s_m)
-        own = stations.position_m[:, 2] + self._crown(t_m) + self._bank(stations.curvature_per_m) * t_m
+        own = stations.position_m[:, 2] + self._crown(t_m) + self._slope(s_m, stations.curvature_per_m) * t_m
         if self.joins is None:
             return np.asarray(own)
         reach = np.clip((s_m - self.line.start_m) / MOUTH_BLEND_M, 0, 1)
@@ -105,6 +113,45 @@ class Road:
         inside = (s_m > self.line.start_m) & (s_m < self.line.end_m)
         return np.asarray(inside & (np.abs(t_m) <= self.half_width(s_m)))
 
+    def lane_offsets(self, s_m: FloatArray) -> FloatArray:
+        """Middles (lanes, N) of the lanes at distances (N,), to the left of the centreline."""
+        if self.layout is not None:
+            lanes = [np.interp(s_m, self.layout.s_m, lane) for lane in self.layout.lanes_m]
+            return np.array(lanes).reshape(-1, len(s_m))
+        offsets = [self.section.lane_offset_m(lane) for lane in range(len(self.section.lanes))]
+        return np.repeat(np.array(offsets)[:, None], len(s_m), axis=1)
+
+    def lines(self) -> tuple[PaintedLine, ...]:
+        """Painted lines along the road: those of its layout, else dashes between lanes and edges up to openings."""
+        if self.layout is not None:
+            return self.layout.lines
+        section, first = self.section, self.line.start_m + (STOP_LINE_M if self.joins is not None else 0.0)
+        borders = [section.lane_offset_m(lane) + section.lane_width_m / 2 for lane in range(len(section.lanes) - 1)]
+        dashes = [PaintedLine(_at_offset(t), first, self.line.end_m, dashed=True) for t in borders]
+        edge = section.half_width_m - EDGE_LINE_INSET_M
+        return (
+            *dashes,
+            *(
+                PaintedLine(_at_offset(side * edge), start, end, EDGE_LINE_WIDTH_M, cover=EDGE_LINE_COVER)
+                for side in (1, -1)
+                for start, end in self.closed(side, 0.0, first, self.line.end_m)
+            ),
+        )
+
+    def closed(self, side: int, margin_m: float, start_m: float, end_m: float) -> list[tuple[float, float]]:
+        """Pieces of one side between two distances that leave its openings free by a margin."""
+        gaps = sorted((o.start_m - margin_m, o.end_m + margin_m) for o in self.openings if o.side == side)
+        pieces, begin = [], start_m
+        for gap_start, gap_end in [*gaps, (end_m, end_m)]:
+            if min(gap_start, end_m) > begin:
+                pieces.append((begin, min(gap_start, end_m)))
+            begin = max(begin, gap_end)
+        return pieces
+
+    def has_kerb(self, side: int) -> bool:
+        """Whether there is a pavement on the left (1) or the right (-1)."""
+        return self.kerbs[0 if side > 0 else 1]
+
     def opened(self, *openings: Opening) -> Road:
         """The road with more openings in its borders."""
         return replace(self, openings=(*self.openings, *openings))
@@ -112,10 +159,10 @@ class Road:
     def _crown(self, t_m: FloatArray) -> FloatArray:
         return -self.section.crown_slope * (np.sqrt(np.square(t_m) + CROWN_ROUNDING_M**2) - CROWN_ROUNDING_M)
 
-    def _bank(self, curvature_per_m: FloatArray) -> FloatArray:
+    def _slope(self, s_m: FloatArray, curvature_per_m: FloatArray) -> FloatArray:
+        if self.layout is not None:
+            return np.interp(s_m, self.layout.s_m, self.layout.slope)
         # In a left curve (positive) the right side, t < 0, is the outer one and lies higher.
-        if not self.section.crown_slope:
-            return np.zeros_like(curvature_per_m)
         return -np.clip(BANK_PER_CURVATURE_M * curvature_per_m, -STEEPEST_BANK, STEEPEST_BANK)
 
     def _height_of(self, joined: Road, s_m: FloatArray, t_m: FloatArray) -> FloatArray:
@@ -123,6 +170,10 @@ class Road:
         s, t = joined.line.project(self.line.plan(s_m, t_m))
         edge = joined.half_width(s)
         return joined.height(s, np.clip(t, -edge, edge))
+
+
+def _at_offset(t_m: float) -> FloatArray:
+    return np.array([[0.0, t_m]])
 
 
 def straight_road(length_m: float, beyond_m: float, section: Section | None = None) -> Road:

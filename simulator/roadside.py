@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -23,17 +25,18 @@ STATION_M = 2.0
 
 
 def borders(road: Road) -> list[Part]:
-    """Kerb, pavement and verge of both sides."""
-    if not road.bordered:
-        return [Part(Surface.GROUND, _both(road, [(0.0, -0.01), (VERGE_WIDTH_M, -0.06), (VERGE_WIDTH_M, -SKIRT_M)]))]
+    """Kerb, pavement and verge of the sides that have a pavement, a plain verge on the others."""
     section = road.section
     top, back = section.kerb_height_m, section.pavement_width_m
     kerb = [(0.0, -0.3), (0.0, top - 0.015), (0.015, top), (KERB_WIDTH_M, top)]
     verge = [(back, top + 0.03), (back + VERGE_WIDTH_M, top + 0.05), (back + VERGE_WIDTH_M, -SKIRT_M)]
+    plain = [(0.0, -0.01), (VERGE_WIDTH_M, -0.06), (VERGE_WIDTH_M, -SKIRT_M)]
+    paved = tuple(side for side in (1, -1) if road.has_kerb(side))
     return [
-        Part(Surface.KERB, _both(road, kerb)),
-        Part(Surface.PAVEMENT, _both(road, [(KERB_WIDTH_M, top), (back, top + 0.03)])),
-        Part(Surface.GROUND, _both(road, verge)),
+        *_drawn(Surface.KERB, road, paved, kerb),
+        *_drawn(Surface.PAVEMENT, road, paved, [(KERB_WIDTH_M, top), (back, top + 0.03)]),
+        *_drawn(Surface.GROUND, road, paved, verge),
+        *_drawn(Surface.GROUND, road, tuple(side for side in (1, -1) if side not in paved), plain),
     ]
 
 
@@ -49,13 +52,7 @@ def wall(road: Road, side: int, start_m: float, end_m: float) -> list[Part]:
 
 def stretches(road: Road, side: int, margin_m: float, start_m: float, end_m: float) -> list[FloatArray]:
     """Stations along one side between two distances, in pieces that leave its openings free by a margin."""
-    gaps = sorted((o.start_m - margin_m, o.end_m + margin_m) for o in road.openings if o.side == side)
-    pieces, begin = [], start_m
-    for gap_start, gap_end in [*gaps, (end_m, end_m)]:
-        if min(gap_start, end_m) > begin:
-            pieces.append(_stations(road, begin, min(gap_start, end_m)))
-        begin = max(begin, gap_end)
-    return pieces
+    return [_stations(road, start, end) for start, end in road.closed(side, margin_m, start_m, end_m)]
 
 
 def _stations(road: Road, start_m: float, end_m: float) -> FloatArray:
@@ -66,15 +63,14 @@ def _stations(road: Road, start_m: float, end_m: float) -> FloatArray:
     return np.unique(np.concatenate([stations, mouth[(mouth > start_m) & (mouth < end_m)]]))
 
 
-def _both(road: Road, profile: list[tuple[float, float]]) -> Mesh:
+def _drawn(surface: Surface, road: Road, sides: Sequence[int], profile: list[tuple[float, float]]) -> list[Part]:
     first = road.line.start_m + (OVERLAP_M if road.joins is not None else 0.0)
-    return joined(
-        [
-            _strip(road, side, stations, profile)
-            for side in (1, -1)
-            for stations in stretches(road, side, 0.0, first, road.line.end_m)
-        ]
-    )
+    strips = [
+        _strip(road, side, stations, profile)
+        for side in sides
+        for stations in stretches(road, side, 0.0, first, road.line.end_m)
+    ]
+    return [Part(surface, joined(strips))] if strips else []
 
 
 def _strip(road: Road, side: int, stations_m: FloatArray, profile: list[tuple[float, float]]) -> Mesh:
