@@ -104,7 +104,7 @@ _MAKES = {
     DebrisKind.ROCK: _Make(debris_shapes.rock, (0.20, 0.185, 0.165), (0.25, 0.6), (0.2, 0.5), (0.15, 0.4)),
     DebrisKind.ROCKS: _Make(debris_shapes.rocks, (0.20, 0.185, 0.165), (0.8, 1.6), (0.7, 1.4), (0.15, 0.35)),
     DebrisKind.TIMBER: _Make(debris_shapes.timber, WOOD, (1.6, 3.0), (0.3, 0.6), (0.10, 0.18)),
-    DebrisKind.EXHAUST: _Make(debris_shapes.exhaust, (0.16, 0.11, 0.08), (0.9, 1.6), (0.25, 0.5), (0.13, 0.25)),
+    DebrisKind.EXHAUST: _Make(debris_shapes.exhaust, (0.115, 0.10, 0.09), (0.9, 1.6), (0.25, 0.5), (0.13, 0.25)),
     DebrisKind.CONE: _Make(debris_shapes.cone, (0.60, 0.085, 0.025), (0.55, 0.95), (0.30, 0.45), (0.28, 0.42)),
 }
 

@@ -21,6 +21,8 @@ SIDE_TAPER_M = 0.30
 """Humps end in a taper at the kerb, which leaves the channel open for water."""
 
 
+BUMP_LIMITS = {"length_m": (0.1, 5.0), "width_m": (0.1, 5.0), "height_m": (0.005, 0.5)}
+
 MARK_LENGTH_M, MARK_PERIOD_M = 0.75, 0.80
 """Size of the painted triangles along and across the road."""
 
@@ -34,7 +36,10 @@ class HumpProfile(StrEnum):
 
 
 def bump(seed: int, length_m: float, width_m: float, height_m: float) -> Relief:
-    """Smooth rise of the road itself, as over a tree's root."""
+    """Smooth rise of the road itself, as over a tree's root; `ValueError` for sizes beyond `BUMP_LIMITS`."""
+    for (name, (low, high)), value in zip(BUMP_LIMITS.items(), (length_m, width_m, height_m), strict=True):
+        if not low <= value <= high:
+            raise ValueError(f"{name} of a bump must be between {low} and {high}, not {value}")
     rng = np.random.default_rng(seed)
     x_m, y_m = local_grid(length_m, width_m, margin=1.1)
     rho = outline_radius(rng, x_m, y_m, length_m, width_m)

@@ -39,12 +39,12 @@ def write_obj(path: Path, mesh: LabelledMesh, texture: NDArray[np.uint8] | Colou
     """
     name = path.stem
     lines = [f"mtllib {name}.mtl", f"o {name}"]
-    lines += [f"v {x:.5f} {y:.5f} {z:.5f}" for x, y, z in mesh.vertices_m + 0.0]
-    corners = mesh.triangles + 1
+    lines += [f"v {x:.5f} {y:.5f} {z:.5f}" for x, y, z in (mesh.vertices_m + 0.0).tolist()]
+    corners = (mesh.triangles + 1).tolist()
     if mesh.uv is None:
         faces = [f"f {a} {b} {c}" for a, b, c in corners]
     else:
-        lines += [f"vt {u:.6f} {v:.6f}" for u, v in mesh.uv]
+        lines += [f"vt {u:.6f} {v:.6f}" for u, v in mesh.uv.tolist()]
         faces = [f"f {a}/{a} {b}/{b} {c}/{c}" for a, b, c in corners]
     path.write_text("\n".join([*lines, f"usemtl {name}", *faces, ""]))
     path.with_suffix(".mtl").write_text(_material(name, texture))

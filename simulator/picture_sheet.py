@@ -25,8 +25,11 @@ COLUMNS, ROWS = 6, 4
 SHEET_SAMPLES = COLUMNS * ROWS
 
 PICTURE_PX = (400, 300)
-FIELD_OF_VIEW_RAD = math.radians(46.0)
-"""Of a 42 mm lens on a full-frame camera, as a telephone's main camera takes."""
+SHARE_OF_PICTURE, WIDEST_RAD = 0.48, math.radians(65.0)
+"""Part of a picture's width that an obstacle fills, and the field of view of a telephone's camera, its limit."""
+
+NARROWEST_M = 1.4
+"""Of road across a picture: nearer, the mesh's cells of 2 cm are seen."""
 
 SPACING_M = 16.0
 """One sample does not show in another's picture, or only far off."""
@@ -45,6 +48,15 @@ KINDS = {
 }
 
 
+TURNED_RAD = {
+    SampleKind.POTHOLE: (-0.5, 0.5),
+    SampleKind.BUMP: (-0.5, 0.5),
+    SampleKind.HUMP: (0.0, 0.0),
+    SampleKind.DEBRIS: (0.7, 1.3),
+}
+"""Holes follow the wheels' tracks, humps cross the road, and things are seen from their longer side."""
+
+
 def draw_sheet(samples: Sequence[Sample]) -> bytes:
     """PNG of up to 24 samples, six in a row; the same samples give the same bytes. `ValueError` if none or more."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg  # heavy: only those who draw wait for it
@@ -53,17 +65,17 @@ def draw_sheet(samples: Sequence[Sample]) -> bytes:
     pictures = photographs(samples)
     rows = math.ceil(len(pictures) / COLUMNS)
     columns = min(len(pictures), COLUMNS)
-    figure = Figure(figsize=(columns * 4.1, rows * 3.55), dpi=100, facecolor="white")
+    figure = Figure(figsize=(columns * 4.1, rows * 3.6), dpi=100, facecolor="white")
     FigureCanvasAgg(figure)
-    axes = figure.subplots(rows, columns, squeeze=False, gridspec_kw={"wspace": 0.025, "hspace": 0.17})
-    figure.subplots_adjust(0.004, 0.055 / rows * ROWS, 0.996, 0.996)
+    axes = figure.subplots(rows, columns, squeeze=False, gridspec_kw={"wspace": 0.025, "hspace": 0.18})
+    figure.subplots_adjust(0.004, 0.60 / (3.6 * rows), 0.996, 0.996)
     for axis in axes.flat:
         axis.axis("off")
     for axis, sample, picture in zip(axes.flat, samples, pictures, strict=False):
         axis.imshow(picture[..., ::-1], interpolation="none")
         title, sizes = caption(sample)
-        axis.text(0.0, -0.035, title, transform=axis.transAxes, va="top", fontsize=13, weight="bold")
-        axis.text(1.0, -0.04, sizes, transform=axis.transAxes, va="top", ha="right", fontsize=12, color="0.25")
+        axis.text(0.01, -0.03, title, transform=axis.transAxes, va="top", fontsize=14, weight="bold")
+        axis.text(0.01, -0.105, sizes, transform=axis.transAxes, va="top", fontsize=13, color="0.25")
     data = io.BytesIO()
     figure.savefig(data, format="png", metadata={"Software": None})
     return data.getvalue()
@@ -79,7 +91,7 @@ def photographs(samples: Sequence[Sample]) -> list[NDArray[np.uint8]]:
         samples[0].seed,
         placed,
         roads=(straight_road(length_m, DRAWN_BEYOND_M),),
-        roadsides=(Roadside.TREES, Roadside.WALL),
+        roadsides=(Roadside.WALL, Roadside.TREES),
     )
     world = World(street, daylight=LIGHT)
     return [world.render(_camera(obstacle), np.eye(4), supersample=2) for obstacle in placed]
@@ -97,19 +109,20 @@ def _placed(index: int, sample: Sample) -> PlacedObstacle:
     """In the right lane; what is as wide as the road on its middle."""
     shape = sample.shape
     y = 0.0 if shape.width_m > 2 * abs(LANE_CENTRE_M) else LANE_CENTRE_M
-    turned = np.random.default_rng([sample.seed, 7]).uniform(-0.5, 0.5) if sample.kind is not SampleKind.HUMP else 0.0
-    return PlacedObstacle(index + 1, KINDS[sample.kind], (index + 1) * SPACING_M, y, float(turned), shape)
+    turned = float(np.random.default_rng([sample.seed, 7]).uniform(*TURNED_RAD[sample.kind]))
+    return PlacedObstacle(index + 1, KINDS[sample.kind], (index + 1) * SPACING_M, y, turned, shape)
 
 
 def _camera(placed: PlacedObstacle) -> CameraModel:
-    """From eye height, as far off as the obstacle fills half of the picture."""
+    """From eye height some metres off, turned up until the obstacle fills half of the picture."""
     shape = placed.shape
-    size_m = max(shape.width_m, shape.length_m, 3 * shape.relief_m if isinstance(shape, Debris) else 0.0)
-    distance_m = float(np.clip(1.5 * size_m + 1.0, 1.6, 7.0))
-    aside_m = 0.25 * distance_m
-    eye = np.array([placed.x_m - distance_m, placed.y_m + aside_m, EYE_HEIGHT_M])
-    middle = np.array([placed.x_m, placed.y_m, 0.0])
-    return CameraModel(*PICTURE_PX, FIELD_OF_VIEW_RAD, _looking(eye, middle))
+    size_m = max(shape.width_m, 0.8 * shape.length_m, 1.5 * shape.relief_m)
+    distance_m = float(np.clip(1.2 * size_m + 1.6, 2.0, 6.0))
+    eye = np.array([placed.x_m - distance_m, placed.y_m + 0.25 * distance_m, EYE_HEIGHT_M])
+    middle = np.array([placed.x_m, placed.y_m, shape.relief_m / 2 if isinstance(shape, Debris) else 0.0])
+    across_m = max(size_m / SHARE_OF_PICTURE, NARROWEST_M)
+    field_rad = 2 * math.atan(across_m / 2 / float(np.linalg.norm(middle - eye)))
+    return CameraModel(*PICTURE_PX, min(field_rad, WIDEST_RAD), _looking(eye, middle))
 
 
 def _looking(eye_m: FloatArray, at_m: FloatArray) -> FloatArray:

@@ -116,7 +116,7 @@ class PotholeShape:
     def _hole(self, rng: np.random.Generator, rho: FloatArray, inside_m: FloatArray) -> Relief:
         slope = 1 + 0.35 * noise(rng, rho.shape, 0.12)
         texture = sum(share * noise(rng, rho.shape, wave) for wave, share in self.floor_texture)
-        uneven_crest = 1 + 0.7 * noise(rng, rho.shape, 0.05)
+        uneven_crest = np.maximum(1 + 0.7 * noise(rng, rho.shape, 0.05), 0)
         inside_m = inside_m + self.rim_roughness_m * noise(rng, rho.shape, 0.08) * smoothstep((1.3 - rho) / 0.2)
         footprint = one_piece(inside_m > 0)
         shares = np.where(footprint, smoothstep(inside_m / self.wall_m * slope) * (FLOOR_SHARE + texture), 0.0)

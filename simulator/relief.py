@@ -56,6 +56,8 @@ class Relief:
             raise ValueError("a relief's grids must be of one shape (rows, columns)")
         if not np.isfinite(self.solid_m).all() or not np.isfinite(self.heights_m).all():
             raise ValueError("a relief's heights must be finite")
+        if not self.footprint.any():
+            raise ValueError("a relief's footprint covers nothing")
         if not (math.isfinite(self.step_m) and self.step_m > 0):
             raise ValueError(f"a relief's grid step must be positive, not {self.step_m} m")
 

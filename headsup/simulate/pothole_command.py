@@ -47,12 +47,13 @@ class Shape(StrEnum):
     CONE = "cone"
 
 
-SIZES = frozenset({"--length", "--width"})
+SIZES, PATCH = frozenset({"--length", "--width"}), frozenset({"--patch-side"})
 MEANT_FOR = {
     Kind.POTHOLE: SIZES
+    | PATCH
     | {"--depth", "--wall", "--lobes", "--water", "--repaired", "--scan", "--true-size", "--grow", "--fill"},
-    Kind.BUMP: SIZES | {"--height", "--grow"},
-    Kind.HUMP: SIZES | {"--height", "--profile"},
+    Kind.BUMP: SIZES | PATCH | {"--height", "--grow"},
+    Kind.HUMP: SIZES | PATCH | {"--height", "--profile"},
     Kind.DEBRIS: SIZES | {"--height", "--shape"},
     Kind.MIXED: frozenset[str](),
 }
@@ -154,11 +155,17 @@ def pothole(
         "--true-size": true_size or None,
         "--grow": grow,
         "--fill": fill,
+        "--patch-side": patch_side,
     }
     options = {name: value for name, value in given.items() if value is not None}
     try:
         _refuse_what_does_not_fit(kind, set(options), count)
-        _write(_Plan(kind, seed, count, _wishes(options)), out, patch_side, sheet=sheet)
+        _write(
+            _Plan(kind, seed, count, _wishes({name: options[name] for name in options.keys() - PATCH})),
+            out,
+            patch_side,
+            sheet=sheet,
+        )
     except OSError as error:
         _fail(f"{error.filename or out}: {error.strerror or error}")
     except (ScanError, ValueError) as error:

@@ -6,7 +6,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from simulator.debris import broken_pallet
-from simulator.pothole import GRID_STEP_M, bump, pothole
+from simulator.pothole import GRID_STEP_M, LIMITS, PotholeShape, bump, pothole
+from simulator.relief import Material
 
 SEEDS = st.integers(0, 10_000)
 
@@ -75,3 +76,109 @@ def test_a_pallet_stands_on_the_road_and_fills_its_box() -> None:
     assert (pallet.length_m, pallet.width_m, pallet.relief_m) == pytest.approx((0.8, 0.6, 0.3))
     inside = pallet.covers(np.array([0.0, 0.6]), np.array([0.0, 0.0]))
     assert inside.tolist() == [True, False]
+
+
+SHAPES = st.builds(
+    PotholeShape,
+    length_m=st.floats(0.3, 2.0),
+    width_m=st.floats(0.3, 1.5),
+    depth_m=st.floats(0.03, 0.2),
+    wall_m=st.floats(0.02, 0.3),
+    outline_roughness=st.floats(0.0, 0.15),
+    rim_roughness_m=st.floats(0.0, 0.02),
+    rim_crest_m=st.floats(0.0, 0.03),
+    lobes=st.integers(1, 5),
+    water=st.sampled_from([0.0, 0.3, 1.0]),
+)
+
+
+@settings(max_examples=40, deadline=None)
+@given(SHAPES, SEEDS)
+def test_a_hole_of_any_shape_fills_its_box_however_ragged_its_edge(shape: PotholeShape, seed: int) -> None:
+    hole = shape.relief(seed)
+    assert hole.length_m == pytest.approx(shape.length_m, abs=2.01 * GRID_STEP_M)
+    assert hole.width_m == pytest.approx(shape.width_m, abs=2.01 * GRID_STEP_M)
+    assert hole.relief_m == pytest.approx(shape.depth_m)
+    rows, columns = np.nonzero(hole.footprint)
+    middle = (np.array(hole.footprint.shape) - 1) / 2
+    centre = np.array([rows.min() + rows.max(), columns.min() + columns.max()]) / 2
+    assert np.abs(centre - middle).max() <= 1.0
+
+
+@settings(max_examples=40, deadline=None)
+@given(SHAPES, SEEDS)
+def test_inside_the_footprint_a_hole_only_falls_and_outside_it_only_rises(shape: PotholeShape, seed: int) -> None:
+    hole = shape.relief(seed)
+    assert hole.is_hole
+    assert (hole.solid_m[hole.footprint] <= 0).all()
+    assert (hole.solid_m[~hole.footprint] >= 0).all()
+    assert hole.solid_m.max() <= 2.4 * shape.rim_crest_m
+    assert 0 < hole.volume_m3 <= hole.relief_m * hole.footprint_area_m2
+
+
+def test_a_wider_wall_is_less_steep_and_holds_less() -> None:
+    steep, flat = (PotholeShape(1.0, 1.0, 0.1, wall_m=wall, floor_texture=()).relief(3) for wall in (0.04, 0.30))
+    gradients = [np.hypot(*np.gradient(hole.heights_m, hole.step_m)) for hole in (steep, flat)]
+    steepest = [
+        float(np.quantile(gradient[hole.footprint], 0.95))
+        for gradient, hole in zip(gradients, (steep, flat), strict=True)
+    ]
+    assert steepest[0] > 2 * steepest[1]
+    assert steep.volume_m3 > 1.2 * flat.volume_m3
+
+
+def test_a_wall_falls_over_the_width_that_was_asked_for() -> None:
+    hole = PotholeShape(1.4, 1.4, 0.10, wall_m=0.20, outline_roughness=0.0, rim_crest_m=0.0, floor_texture=()).relief(1)
+    rows, columns = hole.heights_m.shape
+    profile = hole.heights_m[rows // 2, : columns // 2]
+    inside = np.flatnonzero(profile < 0)[0]
+    bottom = np.flatnonzero(profile < -0.097)[0]
+    # The wall's slope varies by a third, and its last per cents belong to a rounded foot.
+    assert 0.5 * 0.20 < (bottom - inside) * hole.step_m < 1.5 * 0.20
+
+
+def test_several_lobes_leave_a_waist_that_one_has_not() -> None:
+    shares = {
+        lobes: np.mean([PotholeShape(1.2, 0.8, 0.1, lobes=lobes).relief(seed).footprint_area_m2 for seed in range(12)])
+        for lobes in (1, 3)
+    }
+    assert shares[3] < 0.92 * shares[1]
+
+
+def test_a_repair_is_flat_and_of_fresh_asphalt() -> None:
+    for seed in range(10):
+        repair = PotholeShape(1.0, 0.8, 0.1, repaired=True).relief(seed)
+        assert repair.relief_m < 0.011
+        assert repair.materials is not None
+        assert (repair.materials[repair.footprint] == Material.PATCH).all()
+        assert repair.length_m == pytest.approx(1.0, abs=2.01 * GRID_STEP_M)
+
+
+def test_random_holes_are_plausible_and_all_can_be_made() -> None:
+    holes = [PotholeShape.random(seed) for seed in range(300)]
+    assert all(0.2 <= hole.length_m <= 1.6 and hole.width_m <= hole.length_m for hole in holes)
+    assert all(0.025 <= hole.depth_m <= 0.15 for hole in holes)
+    assert 0.1 < np.mean([hole.water > 0 for hole in holes]) < 0.3
+    assert {hole.lobes for hole in holes} == {1, 2, 3}
+    assert PotholeShape.random(5) == PotholeShape.random(5) != PotholeShape.random(6)
+
+
+@pytest.mark.parametrize("name", LIMITS)
+def test_a_size_beyond_its_limits_is_a_clear_error(name: str) -> None:
+    usual = {"length_m": 0.8, "width_m": 0.6, "depth_m": 0.08}
+    low, high = LIMITS[name]
+    for value in (low - 0.001, high * 1.001 + 0.001, float("nan")):
+        with pytest.raises(ValueError, match=f"{name} of a pothole must be between {low} and {high}"):
+            PotholeShape(**(usual | {name: value}))
+
+
+@pytest.mark.parametrize("texture", [((0.15, 0.3), (0.02, 0.2)), ((0.001, 0.1),), ((0.1, -0.1),)])
+def test_a_floor_that_would_reach_the_road_is_a_clear_error(texture: tuple[tuple[float, float], ...]) -> None:
+    with pytest.raises(ValueError, match="floor_texture"):
+        PotholeShape(0.8, 0.6, 0.08, floor_texture=texture)
+
+
+@pytest.mark.parametrize("lobes", [0, 6])
+def test_a_number_of_lobes_that_cannot_be_is_a_clear_error(lobes: int) -> None:
+    with pytest.raises(ValueError, match="lobes of a pothole"):
+        PotholeShape(0.8, 0.6, 0.08, lobes=lobes)
