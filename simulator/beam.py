@@ -68,7 +68,7 @@ def spread(world: World, beam: Beam, shots: Shots, hits: Hits, power: Float32Arr
     origins = np.repeat(shots.origins_m[edges], SUB_RAYS, axis=0)
     rays = _rim_rays(shots.rays[edges], math.tan(beam.divergence_rad / 2))
     rim = world.cast(origins, rays, np.repeat(shots.time_s[edges], SUB_RAYS), shots.ignored_mover, shots.range_m)
-    rim_power = received_power(world, rim, rays)
+    rim_power = received_power(rim, rays, world.surfaces(rim))
     distance, strength, winner = _strongest_echo(
         hits.distance[edges], power[edges], rim.distance, rim_power, np.float32(beam.echo_separation_m)
     )

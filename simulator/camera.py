@@ -114,8 +114,10 @@ def surfaces_seen(world: World, camera: CameraModel, shot: Shot) -> NDArray[np.u
     """`Surface` values (H, W) under the middles of the pixels."""
     v, u = np.divmod(np.arange(camera.width_px * camera.height_px), camera.width_px)
     rays = _rays(camera, shot, np.stack([u, v], axis=1), 1)
-    hits = world.cast(shot.street_from_camera[:3, 3].astype(np.float32), rays, shot.time_s, shot.ignored_mover)
-    return world.surfaces(hits).reshape(camera.height_px, camera.width_px)
+    origin_m = shot.street_from_camera[:3, 3].astype(np.float32)
+    hits = world.cast(origin_m, rays, shot.time_s, shot.ignored_mover)
+    points = origin_m + rays * np.where(hits.part >= 0, hits.distance, np.float32(0))[:, None]
+    return world.classes(hits, points).reshape(camera.height_px, camera.width_px)
 
 
 def _rays(camera: CameraModel, shot: Shot, pixels: NDArray[np.intp], rays_a_side: int) -> Float32Array:

@@ -120,7 +120,8 @@ def measure(
         origins, rays, np.repeat(end_s + offset_s, lidar.channels), lidar.channels, lidar.range_m, ignored_mover
     )
     hits = world.cast(origins, rays, shots.time_s, ignored_mover, lidar.range_m)
-    power = received_power(world, hits, rays)
+    struck, surface = hits.part, world.classes(hits, _reached(origins, rays, hits.distance))
+    power = received_power(hits, rays, surface)
     if lidar.beam is not None:
         hits, power = spread(world, lidar.beam, shots, hits, power)
     intensity, kept = lidar.returns.receive(hits.distance, power, rng)
@@ -130,6 +131,7 @@ def measure(
     column, ring = np.divmod(index, lidar.channels)
     error_m = noise_m[index] + lidar.range_biases_m[ring]
     hit_m, cosine = _arrivals(index, origins, rays, hits.distance, hits.normal)
+    elsewhere = hits.part[index] != struck[index]
     hits = _taken(hits, index)
     return Sweep(
         points_m=_points(column, ring, hits.distance + error_m, azimuth, elevation, height_m),
@@ -138,7 +140,8 @@ def measure(
         time_offset_s=offset_s.astype(np.float32)[column],
         intensity=intensity[index],
         cos_incidence=cosine,
-        surface=world.surfaces(hits),
+        # Where the rim of a beam met something else, the class of that; an edge of paint is finer than a beam.
+        surface=np.where(elsewhere, world.surfaces(hits), surface[index]),
         obstacle_id=world.obstacle_ids(hits, hit_m),
         mover_id=hits.mover,
     )
@@ -147,6 +150,17 @@ def measure(
 def _taken(hits: Hits, index: NDArray[np.intp]) -> Hits:
     # `take` gathers rows several times as fast as an index in brackets does.
     return replace(hits, **{column.name: getattr(hits, column.name).take(index, axis=0) for column in fields(hits)})
+
+
+@njit(cache=True, nogil=True)
+def _reached(origins: Float32Array, rays: Float32Array, distance: Float32Array) -> Float32Array:
+    """Where rays arrive (N, 3), their origins for those that hit nothing."""
+    points = origins.copy()
+    for i in range(len(rays)):
+        if np.isfinite(distance[i]):
+            for axis in range(3):
+                points[i, axis] += rays[i, axis] * distance[i]
+    return points
 
 
 @njit(cache=True, nogil=True)

@@ -64,7 +64,7 @@ class Painter:
     def _debris(self, view: View) -> Paint:
         """Boards show their grain; all else on the road has one colour."""
         paint = self._plain(view)
-        boards = np.flatnonzero((self._colour(view) == np.float32(WOOD)).all(axis=1))
+        boards = np.flatnonzero((self._colour(view) == np.asarray(WOOD, dtype=np.float32)).all(axis=1))
         wooden = view.only(boards)
         paint.albedo[boards] = self._stone.wood(wooden, wooden.local()[0], self._colour(wooden)).albedo
         return paint

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from simulator.scenery import Surface
 
 if TYPE_CHECKING:
-    from simulator.world import Hits, World
+    from simulator.world import Hits
 
 Float32Array = NDArray[np.float32]
 
@@ -45,7 +45,8 @@ REFLECTIVITY: dict[Surface, float] = {
     Surface.DEBRIS: 0.40,
     Surface.HILL: 0.45,
     Surface.PEDESTRIAN: 0.35,
-    Surface.WATER: 0.02,
+    # A level puddle mirrors the beam away; what comes back is mud through the water and its ripples.
+    Surface.WATER: 0.001,
     Surface.MANHOLE: 0.12,
     Surface.ROAD_MARK: 0.60,
 }
@@ -120,15 +121,17 @@ class MeasuredReturns:
 Returns = CarlaReturns | MeasuredReturns
 
 
-def received_power(world: World, hits: Hits, rays: Float32Array) -> Float32Array:
-    """Power (N,) that comes back along unit rays (N, 3), without the sensor's constants; 0 where nothing was hit.
+def received_power(hits: Hits, rays: Float32Array, surface: NDArray[np.uint8]) -> Float32Array:
+    """Power (N,) that comes back along unit rays (N, 3) from `Surface` values (N,); 0 where nothing was hit.
+
+    Without the sensor's constants.
 
     Power = reflectivity x shape / range^2, the LiDAR equation of a target that fills the beam (Winiwarter et al.,
     Virtual laser scanning with HELIOS++, Remote Sensing of Environment 269, 2022). Its shape is that of Oren and Nayar
     (Generalization of Lambert's reflectance model, SIGGRAPH 1994, qualitative model) where light comes from: with
     incidence t, A cos t + B sin^2 t. A matt plane would darken towards the horizon; real roads do not.
     """
-    power: Float32Array = _power(hits.distance, hits.normal, rays, reflectivity_table()[world.surfaces(hits)])
+    power: Float32Array = _power(hits.distance, hits.normal, rays, reflectivity_table()[surface])
     return power
 
 

@@ -23,6 +23,7 @@ from simulator.mover import Mover, MovingScene, NearerHits, Rays
 from simulator.paint import Painter
 from simulator.rays import NO_GEOMETRY, RayScene
 from simulator.readings import Sweep
+from simulator.road_classes import RoadClasses
 from simulator.scenery import Part, Surface
 from simulator.sky import AFTERNOON, Daylight
 from simulator.street import Street
@@ -72,6 +73,8 @@ class World:
         self._still = np.array([part.street_from_part for part in still])
         self._moving = _moving_scenes(movers, len(still))
         self._road_corners = _RoadCorners(still)
+        self._road_of_part = np.array([part.road for part in still])
+        self._road_classes = RoadClasses(street)
         self._surface_of_part = np.array([part.surface for part in self.parts] + [Surface.NOTHING], dtype=np.uint8)
         self._obstacle_of_part = np.array([part.obstacle_id for part in self.parts] + [0], dtype=np.int32)
         self._painter = Painter(street, self.parts, daylight)
@@ -123,9 +126,18 @@ class World:
         """`Surface` of each hit."""
         return self._surface_of_part[hits.part]
 
+    def classes(self, hits: Hits, points_m: Float32Array) -> NDArray[np.uint8]:
+        """`Surface` of each hit at its point (N, 3); a carriageway is told apart into road, paint, iron and water."""
+        surface = self.surfaces(hits).copy()
+        on_road = np.flatnonzero(surface == Surface.ROAD)
+        part = hits.part[on_road]
+        road_m = self._road_corners.at(part, hits.triangle[on_road], hits.uv[on_road])
+        surface[on_road] = self._road_classes.of(self._road_of_part[part], road_m, points_m[on_road])
+        return surface
+
     def road_positions(self, hits: Hits) -> Float32Array:
         """Distance s, offset t and height above the edge (N, 3) of hits on what is drawn along a road, else 0."""
-        return self._road_corners.at(hits)
+        return self._road_corners.at(hits.part, hits.triangle, hits.uv)
 
     def obstacle_ids(self, hits: Hits, points_m: FloatArray) -> NDArray[np.int32]:
         """Number of the obstacle that each hit lies on, 0 for none: things by mesh, reliefs by footprint."""
@@ -181,11 +193,11 @@ class _RoadCorners:
                 count += len(part.mesh.triangles)
         self._corners = np.concatenate(corners)
 
-    def at(self, hits: Hits) -> Float32Array:
-        still = np.where(hits.part < len(self._first), hits.part, -1)
+    def at(self, part: NDArray[np.int32], triangle: NDArray[np.uint32], uv: Float32Array) -> Float32Array:
+        still = np.where(part < len(self._first), part, -1)
         first = np.where(still < 0, -1, self._first[still])
-        corners = self._corners[np.where(first < 0, 0, first + hits.triangle.astype(np.int64))]
-        u, v = hits.uv.T[..., None]
+        corners = self._corners[np.where(first < 0, 0, first + triangle.astype(np.int64))]
+        u, v = uv.T[..., None]
         return np.asarray(corners[:, 0] * (1 - u - v) + corners[:, 1] * u + corners[:, 2] * v)
 
 

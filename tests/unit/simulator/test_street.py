@@ -83,6 +83,8 @@ def test_no_ray_falls_through_the_road_where_fine_and_coarse_cells_meet(world: W
     hits = world.cast(above, np.tile(np.float32([0, 0, -1]), (len(xy), 1)))
     assert (world.surfaces(hits) == Surface.ROAD).all()
     difference = np.abs(0.5 - hits.distance - world.terrain.height_at(xy[:, 0], xy[:, 1]))
-    assert difference[~hole.covers(xy[:, 0], xy[:, 1])].max() < 0.006
-    # On the walls the mesh is straight between vertices 2 cm apart, the shape between 1 cm.
+    undisturbed = np.hypot(xy[:, 0] - hole.x_m, xy[:, 1] - hole.y_m) > hole.shape.reach_m
+    # Straight between vertices up to 25 cm apart, the roughness between 5 cm.
+    assert difference[undisturbed].max() < 0.004
+    # On walls and broken rims the mesh is straight between vertices 2 cm apart, the shape between 1 cm.
     assert difference.max() < 0.02
