@@ -14,18 +14,19 @@ ASPHALT = rgb(0.088, 0.088, 0.088)
 GRAIN_M, MOTTLE_M, STAIN_M = 0.003, 0.03, 0.35
 """Texel sizes: aggregate, its mottling, stains; as on the simulator's own roads, with a finer grain."""
 
+FINEST_TEXEL_M, MOST_TEXELS = 0.002, 1024
+"""Two thirds of the grain; and along the longer side."""
+
 SHADED_SHARE = 0.6
 """Of the sky's light that walls keep from a floor; engines light a texture, but not from inside a hole."""
 
 
-def patch_texture(relief: Relief, half_size_m: tuple[float, float], seed: int, pixels: int = 1024) -> NDArray[np.uint8]:
+def patch_texture(relief: Relief, half_size_m: tuple[float, float], seed: int) -> NDArray[np.uint8]:
     """Picture (H, W, 3) uint8 BGR (sRGB) of a patch of that half length and half width, x to the right, y upwards.
 
-    The longer side takes `pixels`. Its texture coordinates are those of `patch_mesh`.
+    Its texture coordinates are those of `patch_mesh`.
     """
-    if not 16 <= pixels <= 8192:
-        raise ValueError(f"a texture's longer side has 16 to 8192 pixels, not {pixels}")
-    texel_m = 2 * max(half_size_m) / pixels
+    texel_m = max(2 * max(half_size_m) / MOST_TEXELS, FINEST_TEXEL_M)
     columns, rows = (max(1, round(2 * half / texel_m)) for half in half_size_m)
     x = ((np.arange(columns) + 0.5) / columns * 2 - 1) * half_size_m[0]
     y = (1 - (np.arange(rows) + 0.5) / rows * 2) * half_size_m[1]

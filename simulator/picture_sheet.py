@@ -37,7 +37,7 @@ SPACING_M = 16.0
 EYE_HEIGHT_M = 1.5
 """Between a driver's eyes (1.2 m) and a pedestrian's (1.6 m)."""
 
-LIGHT = daylight(math.radians(32.0), math.radians(65.0))
+LIGHT = daylight(math.radians(40.0), math.radians(65.0))
 """A low sun on the left, ahead: walls and edges throw shadows towards the camera."""
 
 KINDS = {

@@ -51,7 +51,10 @@ class Wishes:
 
 @dataclass(frozen=True, slots=True)
 class Sample:
-    """An obstacle and how it came about; `hazard` is False for a repair, `title` is what a picture of it says."""
+    """An obstacle and how it came about; `title` is what a picture of it says.
+
+    `hazard` is False for a repair and for a hole filled up.
+    """
 
     name: str
     title: str
@@ -78,7 +81,7 @@ def make_sample(kind: SampleKind, seed: int, wishes: Wishes) -> Sample:
             thing, parameters = _debris(seed, wishes)
             return Sample(name, str(parameters["shape"]), kind, seed, thing, parameters)
     worn, wear = _worn(shape, seed, wishes)
-    return Sample(name, title, kind, seed, worn, parameters | wear, hazard=not wishes.repaired)
+    return Sample(name, title, kind, seed, worn, parameters | wear, hazard=not wishes.repaired and wishes.fill != 1)
 
 
 def sample_name(kind: SampleKind, seed: int) -> str:

@@ -25,7 +25,7 @@ CONVENTIONS = {
     "height_m": "greatest height above the sound road",
     "volume_m3": "between the sound road and the ground inside the footprint; of debris, of the convex hull",
     "footprint_m": "corners x, y, counter-clockwise, not closed; of debris, of the plan's convex hull",
-    "label": "PLY, a vertex: 1 inside the footprint of an obstacle, else 0; a repair is no obstacle",
+    "label": "PLY, a vertex: 1 inside the footprint of an obstacle, else 0; a repair and a hole filled up are none",
     "material": "PLY, a vertex: " + ", ".join(f"{m.value} {m.name.lower()}" for m in Material),
 }
 

@@ -60,6 +60,7 @@ MEANT_FOR = {
 """Options of each kind; the others would be without effect."""
 
 NOT_WITH_SCAN = frozenset({"--width", "--wall", "--lobes", "--repaired"})
+NOT_WITH_REPAIRED = frozenset({"--depth", "--wall", "--water", "--grow", "--fill"})
 NOT_WITH_TRUE_SIZE = frozenset({"--length", "--depth"})
 
 
@@ -178,6 +179,8 @@ def _refuse_what_does_not_fit(kind: Kind, options: set[str], count: int) -> None
     if strange:
         fitting = ", ".join(other for other in MEANT_FOR if strange[0] in MEANT_FOR[other])
         raise ValueError(f"{strange[0]} is not for --kind {kind} (it is for: {fitting})")
+    if "--repaired" in options and options & NOT_WITH_REPAIRED:
+        raise ValueError(f"{min(options & NOT_WITH_REPAIRED)} would change nothing: a repair is level with the road")
     if "--scan" not in options:
         if "--true-size" in options:
             raise ValueError("--true-size needs --scan FILE")

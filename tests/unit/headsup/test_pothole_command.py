@@ -97,7 +97,7 @@ def test_a_scan_is_set_into_the_road_at_the_length_asked_for_or_at_its_own(tmp_p
 
 def test_the_same_options_give_the_same_bytes(tmp_path: Path) -> None:
     for name in ("one", "again"):
-        assert run(tmp_path / name, "--kind", "mixed", "--count", "2", "--seed", "3")[0] == 0
+        assert run(tmp_path / name, "--count", "2", "--seed", "3", "--length", "0.3", "--width", "0.2")[0] == 0
     files = sorted(path.name for path in (tmp_path / "one").iterdir())
     assert len(files) == 10
     for name in files:
@@ -142,6 +142,7 @@ def test_a_sheet_shows_the_samples(tmp_path: Path) -> None:
         ("--shape tyre", "--shape is not for --kind pothole (it is for: debris)"),
         ("--kind mixed --length 1", "--length is not for --kind mixed (it is for: pothole, bump, hump, debris)"),
         ("--kind debris --patch-side 3", "--patch-side is not for --kind debris (it is for: pothole, bump, hump)"),
+        ("--repaired --fill 0.5", "--fill would change nothing: a repair is level with the road"),
         ("--true-size", "--true-size needs --scan FILE"),
         ("--scan nowhere.ply", "nowhere.ply: cannot be read"),
         ("--scan nowhere.ply --lobes 2", "--lobes cannot be chosen here: the scan has its own"),

@@ -61,7 +61,7 @@ def test_every_shape_is_closed_and_turned_outwards(kind: DebrisKind) -> None:
         assert mesh.label.min() == 1
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=15, deadline=None)
 @given(SEEDS)
 def test_any_thing_is_of_a_plausible_size_and_covers_its_middle(seed: int) -> None:
     thing = random_debris(seed)

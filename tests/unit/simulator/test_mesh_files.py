@@ -11,6 +11,8 @@ import pytest
 from simulator.debris import DebrisKind
 from simulator.footprint import footprint_polygon
 from simulator.hump import HumpProfile
+from simulator.mesh_files import write_ply
+from simulator.patch_mesh import patch_mesh
 from simulator.pothole import PotholeShape
 from simulator.relief import Material
 from simulator.sample import Sample, SampleKind, Wishes, make_sample
@@ -18,7 +20,6 @@ from simulator.sample_files import sample_mesh, write_sample
 
 HOLE = make_sample(SampleKind.POTHOLE, 3, Wishes(0.6, 0.5, 0.07, water=0.5))
 TYRE = make_sample(SampleKind.DEBRIS, 3, Wishes(shape=DebrisKind.TYRE))
-REPAIR = make_sample(SampleKind.POTHOLE, 3, Wishes(0.6, 0.5, 0.07, repaired=True))
 
 
 @pytest.fixture(scope="module")
@@ -42,12 +43,18 @@ def test_a_mesh_reads_back_as_it_was_from_ply_and_obj(folder: Path, sample: Samp
     assert ply.is_edge_manifold(allow_boundary_edges=False)
 
 
-def test_open3d_calls_a_patch_watertight_and_finds_its_texture(folder: Path) -> None:
+def test_the_texture_is_found_and_every_corner_has_its_place_on_it(folder: Path) -> None:
     mesh = o3d.io.read_triangle_mesh(str(folder / f"{HOLE.name}.obj"), True)
     texture = cv2.imread(str(folder / f"{HOLE.name}.png"))
     assert np.asarray(mesh.textures[0]).shape == texture.shape
     assert len(mesh.triangle_uvs) == 3 * len(mesh.triangles)
-    assert o3d.io.read_triangle_mesh(str(folder / f"{HOLE.name}.ply")).is_watertight()
+
+
+def test_open3d_calls_a_patch_watertight(tmp_path: Path) -> None:
+    write_ply(tmp_path / "patch.ply", patch_mesh(PotholeShape(0.5, 0.4, 0.06).relief(1), max_vertices=1_500))
+    mesh = o3d.io.read_triangle_mesh(str(tmp_path / "patch.ply"))
+    assert mesh.is_watertight()
+    assert mesh.get_volume() > 0
 
 
 def test_labels_and_materials_stand_in_the_ply(folder: Path) -> None:
@@ -80,10 +87,15 @@ def test_the_footprint_polygon_has_the_footprints_area_and_runs_counter_clockwis
     assert area == pytest.approx(hole.footprint_area_m2, rel=0.04)
 
 
-def test_a_repair_is_no_obstacle() -> None:
-    assert not REPAIR.hazard
-    assert not sample_mesh(REPAIR).label.any()
-    assert (sample_mesh(REPAIR).material == Material.PATCH).any()
+@pytest.mark.parametrize(
+    ("wishes", "material"), [(Wishes(0.6, 0.5, repaired=True), Material.PATCH), (Wishes(fill=1.0), Material.GRAVEL)]
+)
+def test_a_repair_and_a_hole_filled_up_are_no_obstacles(wishes: Wishes, material: Material) -> None:
+    sample = make_sample(SampleKind.POTHOLE, 3, wishes)
+    assert not sample.hazard
+    assert sample.shape.relief_m < 0.011
+    assert not sample_mesh(sample).label.any()
+    assert (sample_mesh(sample).material == material).any()
 
 
 @pytest.mark.parametrize(

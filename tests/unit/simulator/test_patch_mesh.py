@@ -114,7 +114,7 @@ def test_the_texture_shows_the_water_where_the_texture_coordinates_say() -> None
 
 
 def test_the_same_seed_gives_the_same_texture() -> None:
-    half = patch_half_size(HOLE, 2.0)
+    half = patch_half_size(HOLE)
     one, again, other = (patch_texture(HOLE, half, seed).tobytes() for seed in (1, 1, 2))
     assert one == again
     assert one != other
