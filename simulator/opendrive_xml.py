@@ -126,7 +126,7 @@ def map_place(path: Path, root: ET.Element, middle_m: tuple[float, float], origi
         if terms.get("proj", "tmerc") != "tmerc" or origin is None:
             raise OpenDriveError(
                 f"{path}: its geoReference {reference.strip()[:80]!r} is not a transverse Mercator map with lat_0 and "
-                "lon_0; state where its origin lies with --georeference LATITUDE,LONGITUDE"
+                "lon_0; state where its origin lies with --origin LATITUDE,LONGITUDE"
             )
     here = _geodetic(origin, x_m, y_m)
     ahead = _geodetic(origin, x_m + 100.0, y_m)

@@ -20,8 +20,9 @@ from pathlib import Path
 from simulator.changes import Worlds
 from simulator.drive import Drive, tick_of
 from simulator.fingerprint import plain
+from simulator.overview.sights import Onlooker, Sight, moments
 from simulator.readings import EgoFrame
-from simulator.recording.files import RecordingError
+from simulator.recording.files import RecordingError, write_whole
 from simulator.recording.header import RecordingHeader
 from simulator.recording.writer import EgoSummary, EgoWriter, begin_recording, end_recording
 from simulator.scenario import Scenario, ScenarioPlan, scenario
@@ -62,6 +63,7 @@ class RecordingPlan:
         world = {field.name: plain(getattr(self.scenario.world, field.name)) for field in fields(self.scenario.world)}
         # The one is stated by itself, the other follows from the time that is driven.
         del asked["seed"], world["length_m"]
+        asked["map_file"] = self.scenario.map_file.named if self.scenario.map_file is not None else None
         return {"headsup": version("headsup"), **asked, "world": world, "mcap": self.mcap}
 
     @property
@@ -82,6 +84,7 @@ def record(plan: RecordingPlan, folder: Path, progress: Progress) -> Scenario:
 
 
 def _drive_all(plan: RecordingPlan, folder: Path, egos: int, progress: Progress) -> list[EgoSummary]:
+    """Every vehicle in a process, then their overview in one of them."""
     context = multiprocessing.get_context("spawn")
     written, stop = context.Array("i", egos), context.Event()
     workers = min(egos, os.cpu_count() or 1)
@@ -94,7 +97,9 @@ def _drive_all(plan: RecordingPlan, folder: Path, egos: int, progress: Progress)
                     if drive.done():
                         drive.result()
             progress(written[:])
-            return [drive.result() for drive in drives]
+            summaries, sights = zip(*(drive.result() for drive in drives), strict=True)
+            pool.submit(_draw_overview, plan, folder, [sight for some in sights for sight in some]).result()
+            return list(summaries)
         except BrokenProcessPool:
             raise RecordingError("a vehicle's process was ended from outside: is there enough memory?") from None
         finally:
@@ -126,17 +131,27 @@ def _share(written: SynchronizedArray[int], stop: Event) -> None:
     _shared = _Shared(written, stop)
 
 
-def _drive(plan: RecordingPlan, folder: Path, ego: int) -> EgoSummary:
+def _drive(plan: RecordingPlan, folder: Path, ego: int) -> tuple[EgoSummary, list[Sight]]:
     """Drive and write one vehicle, in a worker: a frame is written while the next one is simulated."""
     happening = scenario(plan.scenario)
-    drive = drive_of(happening, ego, plan.rig)
+    worlds, rig = worlds_of(happening), plan.rig
+    drive = drive_of(happening, ego, rig, worlds)
+    chosen = [moment for moment in moments(happening, tick_of(rig)) if moment.ego == ego]
+    onlooker = Onlooker(chosen, rig, worlds, happening.egos[ego].mover)
     header, truth = _header(plan, happening), happening.changing.truth()
     with EgoWriter(folder, ego, header, truth, mcap=plan.mcap) as recording, _beside(recording.write) as write:
         for count, frame in enumerate(drive, start=1):
             write(frame)
+            onlooker.look(frame)
             if _shared is not None:
                 _shared.tell(ego, count)
-    return recording.summary
+    return recording.summary, onlooker.sights
+
+
+def _draw_overview(plan: RecordingPlan, folder: Path, sights: Sequence[Sight]) -> None:
+    from simulator.overview.figure import overview
+
+    write_whole(folder / "overview.png", overview(scenario(plan.scenario), sights))
 
 
 @contextmanager
@@ -155,10 +170,14 @@ def _beside(write: Callable[[EgoFrame], None]) -> Iterator[Callable[[EgoFrame], 
             last.result()
 
 
-def drive_of(happening: Scenario, ego: int, rig: SensorRig) -> Drive:
-    """The drive of one ego through a scenario."""
-    worlds = Worlds(happening.changing, lambda street: World(street, happening.movers, happening.daylight))
-    plan = happening.plan
+def worlds_of(happening: Scenario) -> Worlds:
+    """The street and what moves through it, at any time."""
+    return Worlds(happening.changing, lambda street: World(street, happening.movers, happening.daylight))
+
+
+def drive_of(happening: Scenario, ego: int, rig: SensorRig, worlds: Worlds | None = None) -> Drive:
+    """The drive of one ego through a scenario, in worlds of its own or given ones."""
+    plan, worlds = happening.plan, worlds or worlds_of(happening)
     return Drive(worlds, happening.egos[ego], rig, seed=plan.seed, seconds=plan.seconds)
 
 

@@ -10,19 +10,23 @@ from numpy.typing import NDArray
 
 from simulator import car
 from simulator.changes import APPEARED, GROWN, REMOVED, Change, ChangingStreet
+from simulator.course import BEHIND_M, MOST_EAGER, SPEED_LIMIT_MPS, Course, last_start_m
+from simulator.keeping_clear import RoadSpace
+from simulator.map_street import Convoy, MapFile, map_course
 from simulator.mover import Model, Mover
 from simulator.people import pedestrian
+from simulator.placing import CAR_COLOURS
 from simulator.relief import Relief
 from simulator.scenery import Part, Surface
 from simulator.sky import Daylight, daylight
-from simulator.street import DRAWN_BEYOND_M, PlacedObstacle, Street
+from simulator.street import PlacedObstacle, Street
 from simulator.traffic import CAR_LENGTH_M, Driver, follow
-from simulator.trajectory import STEADY, Path, Sway, Trajectory, lane_path, path_beside
-from simulator.worlds import CAR_COLOURS, WorldPlan, random_street
+from simulator.trajectory import STEADY, Path, Sway, Trajectory, pavement_path
+from simulator.world_plan import WorldPlan
+from simulator.worlds import random_course
 
 FloatArray = NDArray[np.float64]
 
-SPEED_LIMIT_MPS = 50 / 3.6
 EGO_GAP_M = (55.0, 110.0)
 """From one ego to the next: out of each other's sight of small things, soon enough to be warned."""
 
@@ -39,7 +43,10 @@ GROWTH = (1.2, 1.8)
 
 @dataclass(frozen=True, slots=True)
 class ScenarioPlan:
-    """What is asked for; all else follows from the seed. `world.length_m` follows from the time that is driven."""
+    """What is asked for; all else follows from the seed.
+
+    `world.length_m` follows from the time that is driven; with a map the roads are the map's.
+    """
 
     seed: int = 1
     egos: int = 2
@@ -47,6 +54,7 @@ class ScenarioPlan:
     traffic: bool = True
     changes: bool = True
     world: WorldPlan = field(default_factory=WorldPlan)
+    map_file: MapFile | None = None
 
     def __post_init__(self) -> None:
         if not (1 <= self.egos <= 8 and 0.1 <= self.seconds <= 300.0 and self.seed >= 0):
@@ -74,39 +82,38 @@ class Scenario:
 
 
 def scenario(plan: ScenarioPlan) -> Scenario:
-    """The scenario of a plan; the same plan gives the same one."""
+    """The scenario of a plan; the same plan gives the same one. `OpenDriveError` if its map cannot be driven."""
     rng = np.random.default_rng([plan.seed, 21])
     starts_s = np.concatenate([[0.0], np.cumsum(rng.uniform(*START_LATER_S, plan.egos - 1))])
-    duration_s = float(starts_s[-1]) + plan.seconds
     gaps = rng.uniform(*EGO_GAP_M, plan.egos - 1)
-    driven = SPEED_LIMIT_MPS * 1.05 * duration_s
-    street = random_street(plan.seed, replace(plan.world, length_m=max(120.0, float(gaps.sum()) + driven + 60.0)))
     behind = np.concatenate([[0.0], np.cumsum(gaps)])
-    egos_at = DRAWN_BEYOND_M + float(gaps.sum()) + 10.0 - behind
-    ego_lane = max(lane for lane, direction in enumerate(street.main.section.lanes) if direction > 0)
-    movers, trajectories = _cars(rng, plan, street, ego_lane, egos_at, duration_s)
+    duration_s = float(starts_s[-1]) + plan.seconds
+    course = _course(plan, Convoy(plan.egos, float(behind[-1]), plan.seconds, duration_s))
+    street, egos_at = course.street, course.from_m + float(behind[-1]) + BEHIND_M - behind
+    movers, trajectories = _cars(rng, plan, course, egos_at, duration_s)
     if plan.traffic:
-        movers += _walkers(rng, street, len(movers))
+        movers += _walkers(rng, course, len(movers), duration_s)
     egos = tuple(Ego(t, float(s), number) for number, (t, s) in enumerate(zip(trajectories, starts_s, strict=True), 1))
     changing = ChangingStreet(street, _changes(rng, plan, street, egos, duration_s))
     return Scenario(plan, changing, tuple(movers), egos, _light(rng))
 
 
+def _course(plan: ScenarioPlan, convoy: Convoy) -> Course:
+    if plan.map_file is not None:
+        return map_course(plan.map_file.read(), plan.seed, plan.world, convoy)
+    driven = SPEED_LIMIT_MPS * MOST_EAGER * convoy.duration_s
+    return random_course(plan.seed, replace(plan.world, length_m=max(120.0, convoy.behind_m + driven + 60.0)))
+
+
 def _cars(
-    rng: np.random.Generator,
-    plan: ScenarioPlan,
-    street: Street,
-    ego_lane: int,
-    egos_at_m: FloatArray,
-    duration_s: float,
+    rng: np.random.Generator, plan: ScenarioPlan, course: Course, egos_at_m: FloatArray, duration_s: float
 ) -> tuple[list[Mover], list[Trajectory]]:
-    """The egos, numbered from 1, then all other cars, lane by lane."""
+    """The egos, numbered from 1, then all other cars, lane by lane; who would touch another one stays away."""
     movers: list[Mover] = []
     egos: list[Trajectory] = []
-    section = street.main.section
-    for lane in [ego_lane, *(other for other in range(len(section.lanes)) if other != ego_lane)]:
-        own = list(egos_at_m) if lane == ego_lane else []
-        path = lane_path(street.main, lane)
+    space = RoadSpace(course.street.parked_cars, duration_s)
+    for path in course.lanes:
+        own = [] if egos else list(egos_at_m)
         others = _starts(rng, path, duration_s, own) if plan.traffic else []
         drivers = [Driver(float(at), float(rng.uniform(0.92, 1.04))) for at in [*own, *others]]
         if not drivers:
@@ -115,9 +122,13 @@ def _cars(
         for column in range(len(drivers)):
             number = len(movers) + 1
             trajectory = Trajectory(path, times, travelled[:, column], Sway(), plan.seed * 1_000 + number)
-            movers.append(Mover(number, _car(rng), trajectory))
+            model = _car(rng)
             if column < len(own):
+                space.take(trajectory)
                 egos.append(trajectory)
+            elif not space.take_if_free(trajectory):
+                continue
+            movers.append(Mover(number, model, trajectory))
     return movers, egos
 
 
@@ -125,7 +136,7 @@ def _starts(rng: np.random.Generator, path: Path, duration_s: float, taken_m: li
     """Where other cars of a lane start, so that none leaves the drawn road during the drive."""
     starts = []
     at = path.line.start_m + float(rng.uniform(5, 60))
-    last = path.line.end_m - SPEED_LIMIT_MPS * 1.05 * duration_s - CAR_LENGTH_M
+    last = last_start_m(path, duration_s) - CAR_LENGTH_M
     while at < last:
         if all(abs(at - other) > LEAST_GAP_M for other in taken_m):
             starts.append(at)
@@ -139,23 +150,25 @@ def _car(rng: np.random.Generator) -> Model:
     return Model(parts, middle_m=0.7, radius_m=2.4)
 
 
-def _walkers(rng: np.random.Generator, street: Street, taken: int) -> list[Mover]:
-    """People on the pavements of the main road, in both directions."""
-    main, walkers = street.main, list[Mover]()
-    for _ in range(round(PEDESTRIANS_PER_100M * street.length_m / 100)):
-        side, direction = int(rng.choice([-1, 1])), int(rng.choice([-1, 1]))
-        into = float(rng.uniform(0.5, main.section.pavement_width_m - 0.3))
-        path = path_beside(
-            main, side * (main.section.half_width_m + into), direction, main.section.kerb_height_m + 0.02
-        )
-        start, speed = (
-            float(rng.uniform(DRAWN_BEYOND_M - 20, path.line.end_m - DRAWN_BEYOND_M)),
-            float(rng.uniform(*WALK_MPS)),
-        )
-        times = np.array([0.0, 1.0, 2.0, 3.0])
-        number = taken + len(walkers) + 1
-        walk = Trajectory(path, times, start + speed * times, STEADY, number)
-        walkers.append(Mover(number, pedestrian(street.seed * 1_000 + number), walk))
+def _walkers(rng: np.random.Generator, course: Course, taken: int, duration_s: float) -> list[Mover]:
+    """People on the pavements, in both directions, who stay on theirs for the drive."""
+    walkers: list[Mover] = []
+    for stretch in course.stretches:
+        road = stretch.road
+        sides = [side for side in (-1, 1) if road.has_kerb(side)]
+        for _ in range(round(PEDESTRIANS_PER_100M * (stretch.to_m - stretch.from_m) / 100) if sides else 0):
+            side, direction = int(rng.choice(sides)), int(rng.choice([-1, 1]))
+            path = pavement_path(road, side, float(rng.uniform(0.5, road.section.pavement_width_m - 0.3)), direction)
+            speed = float(rng.uniform(*WALK_MPS))
+            from_m, to_m = stretch.from_m - road.line.start_m, stretch.to_m - road.line.start_m
+            first, last = (from_m, to_m) if direction > 0 else (road.line.length_m - to_m, road.line.length_m - from_m)
+            start = float(rng.uniform(first, last))
+            if start + speed * duration_s > path.line.end_m:
+                continue
+            times = np.array([0.0, 1.0, 2.0, 3.0])
+            number = taken + len(walkers) + 1
+            walk = Trajectory(path, times, start + speed * times, STEADY, number)
+            walkers.append(Mover(number, pedestrian(course.street.seed * 1_000 + number), walk))
     return walkers
 
 

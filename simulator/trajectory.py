@@ -17,6 +17,9 @@ FloatArray = NDArray[np.float64]
 
 WHEELBASE_M = 2.7
 
+PAVEMENT_RISE_M = 0.02
+"""Of the middle of a pavement above the top of its kerb, so that water runs off."""
+
 NATURAL_FREQUENCIES_HZ = (1.3, 1.6)
 """Of a car's body in pitch and roll."""
 
@@ -42,14 +45,27 @@ def lane_path(road: Road, lane: int) -> Path:
 
 def path_beside(road: Road, offset_m: float, direction: int, rise_m: float = 0.0) -> Path:
     """A line at a constant offset from the centreline, `rise_m` above the carriageway or its edge."""
-    s = np.linspace(road.line.start_m, road.line.end_m, math.ceil(road.line.length_m / SAMPLE_M) + 1)[::direction]
-    t = np.full_like(s, offset_m)
-    edge = road.half_width(s)
-    inside = np.clip(t, -edge, edge)
-    z = road.height(s, inside) + rise_m
-    on_road = np.abs(offset_m) <= edge
-    slope = np.where(on_road, direction * road.cross_slope(s, inside), 0.0)
-    return Path(np.concatenate([road.line.plan(s, t), z[:, None]], axis=1), slope)
+    s = _along(road, direction)
+    return _path(road, s, np.full_like(s, offset_m), direction, rise_m)
+
+
+def pavement_path(road: Road, side: int, into_m: float, direction: int) -> Path:
+    """A line on the pavement of one side (1 left, -1 right), so far from the carriageway's edge."""
+    s = _along(road, direction)
+    return _path(road, s, side * (road.half_width(s) + into_m), direction, road.section.kerb_height_m + PAVEMENT_RISE_M)
+
+
+def _along(road: Road, direction: int) -> FloatArray:
+    count = max(4, math.ceil(road.line.length_m / SAMPLE_M) + 1)
+    return np.linspace(road.line.start_m, road.line.end_m, count)[::direction]
+
+
+def _path(road: Road, s_m: FloatArray, t_m: FloatArray, direction: int, rise_m: float) -> Path:
+    edge = road.half_width(s_m)
+    inside = np.clip(t_m, -edge, edge)
+    z = road.height(s_m, inside) + rise_m
+    slope = np.where(np.abs(t_m) <= edge, direction * road.cross_slope(s_m, inside), 0.0)
+    return Path(np.concatenate([road.line.plan(s_m, t_m), z[:, None]], axis=1), slope)
 
 
 @dataclass(frozen=True, slots=True)

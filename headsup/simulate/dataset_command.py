@@ -44,6 +44,7 @@ def dataset(
         headsup simulate dataset --drives 20 --first-seed 1001 --roughness C --out datasets/rough
     """
     from simulator.dataset import DatasetError, alone, planned, write_dataset
+    from simulator.opendrive_xml import OpenDriveError
     from simulator.scan import ScanError
     from simulator.sensor_config import SensorConfigError
 
@@ -59,7 +60,7 @@ def dataset(
     except OSError as error:
         _complain(f"{error.filename or out}: {error.strerror or error}")
         raise typer.Exit(1) from None
-    except (DatasetError, ScanError, SensorConfigError) as error:
+    except (DatasetError, OpenDriveError, ScanError, SensorConfigError) as error:
         _complain(str(error))
         raise typer.Exit(1) from None
     except KeyboardInterrupt:

@@ -21,7 +21,7 @@ def drive(
     *,
     options: DriveOptions,
 ) -> None:
-    """Drive vehicles through a random street and record what their sensors see, with the truth.
+    """Drive vehicles through a random street, or a map, and record what their sensors see, with the truth.
 
     Writes ego0, ego1, ... in the layout of CARLA recordings, per-point labels, exact poses, GNSS, IMU and odometry,
     obstacles.json with every obstacle and when it changed, overview.png, an MCAP file per vehicle, and recording.json
@@ -33,8 +33,11 @@ def drive(
 
         headsup simulate drive --sensors hdl64 --no-images --seconds 60 --out runs/lidar
 
+        headsup simulate drive --map docs/examples/crossroads.xodr --out runs/crossroads
+
     `headsup simulate dataset` makes many of them.
     """
+    from simulator.opendrive_xml import OpenDriveError
     from simulator.recording.files import RecordingError
     from simulator.scan import ScanError
     from simulator.sensor_config import SensorConfigError
@@ -44,7 +47,7 @@ def drive(
     except OSError as error:
         typer.echo(f"headsup simulate drive: {error.filename or out}: {error.strerror or error}", err=True)
         raise typer.Exit(1) from None
-    except (RecordingError, ScanError, SensorConfigError) as error:
+    except (OpenDriveError, RecordingError, ScanError, SensorConfigError) as error:
         typer.echo(f"headsup simulate drive: {error}", err=True)
         raise typer.Exit(1) from None
     except KeyboardInterrupt:

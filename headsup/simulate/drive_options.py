@@ -13,8 +13,10 @@ from typing import TYPE_CHECKING, Annotated, Any, get_type_hints
 import typer
 
 if TYPE_CHECKING:
+    from contract.geometry import LatLon
+    from simulator.map_street import MapFile
     from simulator.record import RecordingPlan
-    from simulator.worlds import WorldPlan
+    from simulator.world_plan import WorldPlan
 
 
 class RoadClass(StrEnum):
@@ -52,15 +54,35 @@ class DriveOptions:
         Path | None, typer.Option("--data", help="Folder with potholes/*.ply: real scans as the street's potholes.")
     ] = None
 
+    map_file: Annotated[
+        Path | None,
+        typer.Option("--map", help="An OpenDRIVE file (.xodr): its roads and lanes instead of a street from the seed."),
+    ] = None
+    origin: Annotated[
+        str | None,
+        typer.Option("--origin", metavar="LAT,LON", help="Where the map's x = y = 0 lies, if the map does not say it."),
+    ] = None
+
     def planner(self) -> Callable[[int], RecordingPlan]:
-        """The plan of each seed; files are read once. ScanError, SensorConfigError and OSError say what is wrong."""
+        """The plan of each seed; files are read once.
+
+        ScanError, SensorConfigError, OpenDriveError and OSError say what is wrong.
+        """
         from simulator.record import RecordingPlan
         from simulator.scenario import ScenarioPlan
 
-        world, sensors = self._world(), self._sensors()
+        world, sensors, map_file = self._world(), self._sensors(), self._map()
 
         def plan(seed: int) -> RecordingPlan:
-            asked = ScenarioPlan(seed, self.egos, self.seconds, traffic=self.traffic, changes=self.changes, world=world)
+            asked = ScenarioPlan(
+                seed,
+                self.egos,
+                self.seconds,
+                traffic=self.traffic,
+                changes=self.changes,
+                world=world,
+                map_file=map_file,
+            )
             return RecordingPlan(asked, sensors, mcap=self.mcap)
 
         return plan
@@ -68,10 +90,20 @@ class DriveOptions:
     def _world(self) -> WorldPlan:
         from simulator.scan import find_scans, load_scan
         from simulator.street import Roughness
-        from simulator.worlds import WorldPlan
+        from simulator.world_plan import WorldPlan
 
         scans = tuple(load_scan(path) for path in find_scans(self.data / "potholes")) if self.data is not None else ()
         return WorldPlan(roughness=Roughness[self.roughness.value] if self.roughness else None, scans=scans)
+
+    def _map(self) -> MapFile | None:
+        from simulator.map_street import MapFile
+        from simulator.opendrive_xml import OpenDriveError
+
+        if self.map_file is None:
+            if self.origin is not None:
+                raise OpenDriveError("--origin says where a map lies: give one with --map")
+            return None
+        return MapFile.at(self.map_file, _position(self.origin) if self.origin is not None else None)
 
     def _sensors(self) -> list[dict[str, object]]:
         """The list of a sensors.json or of a built-in rig, without cameras where no images are wanted."""
@@ -82,6 +114,17 @@ class DriveOptions:
             raise SensorConfigError(f"{self.sensors}: no such file, and no built-in rig ({', '.join(RIGS)})")
         rig = sensor_rig(self.sensors) if self.sensors in RIGS else load_sensors(Path(self.sensors))
         return [e for e in rig.entries if self.images or not str(e["type"]).startswith("sensor.camera.")]
+
+
+def _position(text: str) -> LatLon:
+    from contract.geometry import LatLon
+    from simulator.opendrive_xml import OpenDriveError
+
+    try:
+        latitude, longitude = (float(number) for number in text.split(","))
+        return LatLon(latitude_deg=latitude, longitude_deg=longitude)
+    except ValueError:
+        raise OpenDriveError(f"--origin {text}: expected LATITUDE,LONGITUDE in degrees, as 38.2466,21.7346") from None
 
 
 def with_drive_options(command: Callable[..., None]) -> Callable[..., None]:

@@ -20,7 +20,7 @@ from simulator.readings import EgoFrame, GnssReading, ImageReading, ImuReading, 
 from simulator.record import drive_of
 from simulator.scenario import Scenario, ScenarioPlan, scenario
 from simulator.sensor_config import RigSensor, SensorRig
-from simulator.worlds import WorldPlan
+from simulator.world_plan import WorldPlan
 
 SMALL = LidarModel(channels=8, points_per_second=24_000, rate_hz=10.0)
 PLAN = ScenarioPlan(seed=5, egos=2, seconds=2.0, world=WorldPlan(side_roads=False, features_per_100m=0.0))

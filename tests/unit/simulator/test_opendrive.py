@@ -237,7 +237,7 @@ def test_far_from_the_origin_nothing_is_lost_to_float32(tmp_path: Path, read: Op
 @pytest.mark.parametrize("reference", ["", "EPSG:25832", "+proj=utm +zone=32 +datum=WGS84", "+proj=tmerc +lat_0=x"])
 def test_a_georeference_that_cannot_be_read_is_asked_for(tmp_path: Path, reference: str) -> None:
     path = written(tmp_path, town(reference=reference))
-    with pytest.raises(OpenDriveError, match="--georeference"):
+    with pytest.raises(OpenDriveError, match="--origin"):
         read_opendrive(path)
     stated = read_opendrive(path, origin=LatLon(latitude_deg=38.2, longitude_deg=21.7))
     assert stated.place.position.latitude_deg == pytest.approx(38.2, abs=0.001)

@@ -10,7 +10,8 @@ from simulator.changes import APPEARED, GROWN, REMOVED, Change, ChangingStreet
 from simulator.scenario import ScenarioPlan, scenario
 from simulator.street import Feature, Roughness, Street, first_light_street
 from simulator.terrain import Terrain, road_roughness
-from simulator.worlds import WorldPlan, random_street
+from simulator.world_plan import WorldPlan
+from simulator.worlds import random_street
 
 SEEDS = range(8)
 STREETS = [random_street(seed, WorldPlan(length_m=400.0)) for seed in SEEDS]
