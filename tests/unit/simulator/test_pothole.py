@@ -1,13 +1,20 @@
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from contract.geometry import Kind
 from simulator.debris import broken_pallet
 from simulator.pothole import GRID_STEP_M, LIMITS, PotholeShape, bump, pothole
 from simulator.relief import Material
+from simulator.road import straight_road
+from simulator.street import PlacedObstacle, Street
+from simulator.terrain import Terrain
+from simulator.world import World
 
 SEEDS = st.integers(0, 10_000)
 
@@ -182,3 +189,33 @@ def test_a_floor_that_would_reach_the_road_is_a_clear_error(texture: tuple[tuple
 def test_a_number_of_lobes_that_cannot_be_is_a_clear_error(lobes: int) -> None:
     with pytest.raises(ValueError, match="lobes of a pothole"):
         PotholeShape(0.8, 0.6, 0.08, lobes=lobes)
+
+
+def test_rays_into_a_road_meet_the_sizes_that_the_truth_states_also_of_aged_and_flooded_holes() -> None:
+    dry = PotholeShape(0.9, 0.7, 0.1).relief(3)
+    wet = PotholeShape(0.9, 0.7, 0.1, water=0.6).relief(3)
+    shapes = (dry, dry.aged(44.0), wet.aged(44.0), dry.filled(0.5, 1))
+    placed = tuple(
+        PlacedObstacle(number, Kind.POTHOLE, 10.0 * number, -1.75, 0.3 * number, shape)
+        for number, shape in enumerate(shapes, start=1)
+    )
+    street = Street(1, placed, roads=(straight_road(50.0, 20.0),))
+    sound = Terrain(replace(street, obstacles=()))
+    world = World(street)
+    axis = np.arange(-1.0, 1.0, 0.005)
+    for obstacle, shape in zip(placed, shapes, strict=True):
+        x, y = (at.ravel() for at in np.meshgrid(axis + obstacle.x_m, axis + obstacle.y_m))
+        hits = world.cast(
+            np.stack([x, y, np.ones_like(x)], axis=1).astype(np.float32), np.tile(np.float32([0, 0, -1]), (len(x), 1))
+        )
+        points = np.stack([x, y, 1.0 - hits.distance], axis=1)
+        on = world.obstacle_ids(hits, points) == obstacle.obstacle_id
+        assert [np.ptp(side) for side in obstacle.local(x[on], y[on])] == pytest.approx(
+            [shape.length_m, shape.width_m], abs=1.5 * shape.step_m
+        )
+        assert np.count_nonzero(on) * 0.005**2 == pytest.approx(shape.footprint_area_m2, rel=0.01)
+        depth = sound.height_at(x[on], y[on]) - points[on, 2]
+        met_m3 = -shape.heights_m[shape.footprint].sum() * shape.step_m**2
+        assert depth.sum() * 0.005**2 == pytest.approx(met_m3, rel=0.03)
+        assert depth.max() == pytest.approx(-shape.heights_m[shape.footprint].min(), abs=0.012)
+        assert shape.relief_m >= depth.max() - 0.012
