@@ -58,6 +58,8 @@ def follow(path: Path, drivers: Sequence[Driver], limit_mps: float, duration_s: 
     if (gaps < STANDSTILL_GAP_M).any():
         raise ValueError(f"cars of one lane start at least {CAR_LENGTH_M + STANDSTILL_GAP_M:.1f} m apart")
     speed = np.interp(position, along, allowed) * eagerness
+    # Nobody starts faster than the headway to the car ahead allows.
+    speed[order[1:]] = np.minimum(speed[order[1:]], (gaps - STANDSTILL_GAP_M) / HEADWAY_S)
     times = np.asarray(np.arange(math.ceil(duration_s / STEP_S) + 2) * STEP_S, dtype=np.float64)
     travelled = np.empty((len(times), len(drivers)))
     for row in range(len(times)):
