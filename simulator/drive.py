@@ -27,6 +27,12 @@ def tick_of(rig: SensorRig) -> float:
     return 1 / rates[0] if rates else DEFAULT_TICK_S
 
 
+def frame_numbers(ego: Ego, seconds: float, tick_s: float) -> range:
+    """Ticks of the world's clock at which an ego has frames."""
+    first = math.ceil(ego.start_s / tick_s - 1e-6)
+    return range(first, first + max(0, math.floor(seconds / tick_s + 1e-6)))
+
+
 class Drive:
     """The frames of one ego, in the order of time; each iteration yields the same.
 
@@ -48,11 +54,10 @@ class Drive:
         self._worlds, self._ego, self._rig, self._seed = worlds, ego, rig, seed
         self._tick_s = tick_s or tick_of(rig)
         self._odometry = odometry or OdometryModel()
-        self._first = math.ceil(ego.start_s / self._tick_s - 1e-6)
-        self._count = max(0, math.floor(seconds / self._tick_s + 1e-6))
+        self._numbers = frame_numbers(ego, seconds, self._tick_s)
 
     def __len__(self) -> int:
-        return self._count
+        return len(self._numbers)
 
     def __iter__(self) -> Iterator[EgoFrame]:
         odometer = Odometer(self._odometry, self._rng(0))
@@ -60,7 +65,7 @@ class Drive:
         instruments = [
             instrument(sensor, carrier, self._rng(index)) for index, sensor in enumerate(self._rig.sensors, start=1)
         ]
-        for number in range(self._first, self._first + self._count):
+        for number in self._numbers:
             now = np.array([number * self._tick_s])
             street_from_vehicle = self._ego.trajectory.poses(now)[0]
             yield EgoFrame(
