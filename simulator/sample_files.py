@@ -75,7 +75,7 @@ def describe(sample: Sample, mesh: LabelledMesh) -> dict[str, object]:
         "hazard": sample.hazard,
         "seed": sample.seed,
         "parameters": sample.parameters,
-        "size": {name: round(value, 6) for name, value in size.items()},
+        "size": {name: round(value, 8) for name, value in size.items()},
         "footprint_m": np.round(footprint_polygon(shape), 4).tolist(),
         "mesh": {
             "vertices": len(mesh.vertices_m),
