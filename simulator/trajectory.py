@@ -97,6 +97,11 @@ class Trajectory:
         self._phase = rng.uniform(0, 2 * math.pi)
         self._rocking_phases = rng.uniform(0, 2 * math.pi, (2, 3))
 
+    @property
+    def path(self) -> Path:
+        """What it follows."""
+        return self._path
+
     def poses(self, time_s: FloatArray) -> FloatArray:
         """`street_from_vehicle` (N, 4, 4)."""
         s = self.distance(time_s)

@@ -19,7 +19,7 @@ from simulator.overview.outlines import draw_outlines, outlines
 from simulator.overview.plan import draw_plan, plan_height
 from simulator.overview.sights import Sight
 from simulator.overview.style import EGO_COLOURS, INK, KIND_COLOURS, PAPER, QUIET, headline, note, without_frame
-from simulator.overview.times import draw_times
+from simulator.overview.times import draw_times, driven_m
 from simulator.readings import Sweep
 from simulator.scenario import Scenario
 from simulator.scenery import Surface
@@ -112,10 +112,11 @@ def _title(happening: Scenario) -> str:
 
 def _setting(happening: Scenario) -> str:
     street, place = happening.changing.street, happening.changing.street.georeference.position
+    start_m, end_m = driven_m(happening)
     sun_deg = math.degrees(math.asin(float(happening.daylight.sun_direction[2])))
     return (
         f"{abs(place.latitude_deg):.2f}° {'N' if place.latitude_deg >= 0 else 'S'}, "
-        f"{abs(place.longitude_deg):.2f}° {'E' if place.longitude_deg >= 0 else 'W'} · {street.length_m:.0f} m · "
+        f"{abs(place.longitude_deg):.2f}° {'E' if place.longitude_deg >= 0 else 'W'} · {end_m - start_m:.0f} m · "
         f"roughness ISO 8608 {street.roughness.name} · sun {sun_deg:.0f}° high"
     )
 

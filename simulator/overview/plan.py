@@ -13,14 +13,14 @@ from numpy.typing import NDArray
 
 from simulator.overview.outlines import outlines
 from simulator.overview.style import EGO_COLOURS, INK, KIND_COLOURS, PAPER, note, without_frame
-from simulator.overview.times import span_m
+from simulator.overview.times import BEYOND_M, driven_m, way
 from simulator.road import Road
 from simulator.scenario import Scenario
 
 FloatArray = NDArray[np.float64]
 
 ASPHALT, KERB = "#d9dce1", "#8d939c"
-BESIDE_M = 14.0
+BESIDE_M = (0.0, 12.0)
 CAR_HALF_M = (2.15, 0.89)
 HEIGHT_IN, NOTES_IN = (0.6, 3.5), 0.9
 
@@ -142,9 +142,8 @@ def _draw_scale(axes: Axes, low: FloatArray, high: FloatArray) -> None:
 
 
 def _turn(happening: Scenario) -> FloatArray:
-    """(2, 2) that takes rows of street positions to the plan's: the driven road's chord runs to the right."""
-    line = happening.changing.street.main.line
-    ends = line.at(np.array(span_m(happening))).position_m[:, :2]
+    """(2, 2) that takes rows of street positions to the plan's: the chord of the egos' way runs to the right."""
+    ends = way(happening).at(np.array(driven_m(happening))).position_m[:, :2]
     chord = ends[1] - ends[0]
     return _rotation(math.atan2(chord[1], chord[0]))
 
@@ -157,11 +156,10 @@ def _rotation(angle_rad: float) -> FloatArray:
 
 def _bounds(happening: Scenario) -> tuple[FloatArray, FloatArray]:
     """Lowest and highest position of what the plan shows, turned."""
-    main = happening.changing.street.main
-    s = np.linspace(*span_m(happening), 200)
-    points = main.line.at(s).position_m[:, :2] @ _turn(happening)
-    beside = np.array([0.0, main.section.half_width_m + BESIDE_M])
-    return points.min(axis=0) - beside, points.max(axis=0) + beside
+    start, end = driven_m(happening)
+    s = np.linspace(start - BEYOND_M, end + BEYOND_M, 200)
+    points = way(happening).at(s).position_m[:, :2] @ _turn(happening)
+    return points.min(axis=0) - BESIDE_M, points.max(axis=0) + BESIDE_M
 
 
 def _mark_step_s(seconds: float) -> float:
