@@ -29,6 +29,9 @@ FloatArray = NDArray[np.float64]
 MOST_STARTS = 300
 """Places from which a route is looked for; a city has thousands, and any of the first will do there."""
 
+CROSSING_STEP_M, CROSSING_M = 2.0, 5.0
+"""A way that comes back this near to itself crosses itself; opposite lanes of one street count too."""
+
 OTHER_ROUTES = 12
 """Ways of other traffic: two or three at each crossing of a drive of 20 s."""
 
@@ -108,15 +111,30 @@ def _own_route(rng: np.random.Generator, lanes: Lanes, convoy: Convoy) -> list[L
     start_m = BEHIND_M + convoy.behind_m
     wanted_m = start_m + SPEED_LIMIT_MPS * MOST_EAGER * convoy.duration_s + BEHIND_M
     starts = lanes.starts
-    longest_s, longest_m = 0.0, 0.0
+    longest_s, longest_m, crossing = 0.0, 0.0, False
     for index in rng.permutation(len(starts))[:MOST_STARTS]:
         route = lanes.route(rng, starts[index], wanted_m)
         path = lanes.path(route)
         if last_start_m(path, convoy.duration_s) >= start_m:
-            return route
+            if convoy.egos == 1 or not crosses_itself(path):
+                return route
+            crossing = True
         longest_s = max(longest_s, driving_time_s(path, start_m))
         longest_m = max(longest_m, path.line.length_m)
+    if crossing:
+        raise OpenDriveError(
+            f"every route through the map that lasts {convoy.seconds:g} s crosses itself, where vehicles that follow "
+            "each other may meet; use --egos 1 or fewer --seconds"
+        )
     raise OpenDriveError(_too_short(convoy, longest_m, longest_s))
+
+
+def crosses_itself(path: Path) -> bool:
+    """Whether a path comes back to where it has been."""
+    s = np.arange(path.line.start_m, path.line.end_m, CROSSING_STEP_M)
+    points = path.line.at(s).position_m[:, :2]
+    near = cKDTree(points).query_pairs(CROSSING_M, output_type="ndarray")
+    return bool((np.abs(near[:, 0] - near[:, 1]) * CROSSING_STEP_M > 4 * CROSSING_M).any())
 
 
 def _too_short(convoy: Convoy, longest_m: float, longest_s: float) -> str:

@@ -57,7 +57,8 @@ def follow(path: Path, drivers: Sequence[Driver], limit_mps: float, duration_s: 
     gaps = -np.diff(position[order]) - CAR_LENGTH_M
     if (gaps < STANDSTILL_GAP_M).any():
         raise ValueError(f"cars of one lane start at least {CAR_LENGTH_M + STANDSTILL_GAP_M:.1f} m apart")
-    speed = np.interp(position, along, allowed) * eagerness
+    speed = np.empty_like(position)
+    speed[order] = _first_speeds((np.interp(position, along, allowed) * eagerness)[order], gaps)
     # Nobody starts faster than the headway to the car ahead allows.
     speed[order[1:]] = np.minimum(speed[order[1:]], (gaps - STANDSTILL_GAP_M) / HEADWAY_S)
     times = np.asarray(np.arange(math.ceil(duration_s / STEP_S) + 2) * STEP_S, dtype=np.float64)
@@ -71,6 +72,14 @@ def follow(path: Path, drivers: Sequence[Driver], limit_mps: float, duration_s: 
         speed[order] = np.maximum(speed[order] + acceleration * STEP_S, 0.0)
         position = position + speed * STEP_S
     return times, travelled
+
+
+def _first_speeds(wished: FloatArray, gaps_m: FloatArray) -> FloatArray:
+    """Speeds in the order of driving from which each car can brake behind the one ahead without hurry."""
+    speed = wished.copy()
+    for i, gap in enumerate(gaps_m, start=1):
+        speed[i] = min(speed[i], math.sqrt(speed[i - 1] ** 2 + 2 * BRAKING_MPS2 * (gap - STANDSTILL_GAP_M)))
+    return speed
 
 
 def _acceleration(position: FloatArray, speed: FloatArray, wished: FloatArray) -> FloatArray:

@@ -48,7 +48,8 @@ def crossroads() -> str:
     ):
         roads.append(_connection(10 + number, here, there, headings[here] + math.pi, {0: 0, 1: 1, 3: -1}[turn]))
         connections.append(
-            f'    <connection id="{number}" incomingRoad="{here}" connectingRoad="{10 + number}" contactPoint="start">\n'
+            f'    <connection id="{number}" incomingRoad="{here}" connectingRoad="{10 + number}" '
+            'contactPoint="start">\n'
             '      <laneLink from="1" to="-1"/>\n    </connection>'
         )
     place = "+proj=tmerc +lat_0=38.2466 +lon_0=21.7346 +k=1 +x_0=0 +y_0=0 +datum=WGS84 +units=m +no_defs"
@@ -56,7 +57,7 @@ def crossroads() -> str:
         [
             '<?xml version="1.0" encoding="UTF-8"?>',
             "<OpenDRIVE>",
-            '  <header revMajor="1" revMinor="4" name="crossroads" version="1.00" north="0" south="0" east="0" west="0">',
+            '  <header revMajor="1" revMinor="4" name="crossroads" version="1.00">',
             f"    <geoReference><![CDATA[{place}]]></geoReference>",
             "  </header>",
             *roads,
