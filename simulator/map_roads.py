@@ -58,6 +58,9 @@ DASHES = {
 }
 """Which of a mark's lines are dashed, from left to right; kerbs, grass and what is unknown are not painted."""
 
+NARROWEST_BAY_M = 1.8
+"""Of a parking lane: a car without its mirrors."""
+
 LINE_WIDTHS_M = (0.08, 0.4)
 LEAST_PAVEMENT_M = 0.8
 INTRUSION_STEP_M, BESIDE_M = 0.5, (0.15, 0.9, 1.7, 2.5)
@@ -101,6 +104,7 @@ def _road(lanes: list[OpenDriveLane], *, connecting: bool) -> Road | None:
         slope=np.interp(s_m, line.project(paved[0].centre_m[:, :2])[0], np.tan(paved[0].superelevation_rad)),
         lanes_m=np.array([_offset(line, lane.centre_m, s_m) for lane in driven]),
         lines=() if connecting else _lines(line, paved),
+        parking=(_is_bay(paved[0]), _is_bay(paved[-1])),
     )
     outside = lanes[: lanes.index(paved[0])], lanes[lanes.index(paved[-1]) + 1 :]
     pavements = [sum(float(lane.width_m.mean()) for lane in beside if lane.kind == "sidewalk") for beside in outside]
@@ -125,6 +129,10 @@ def _paved(lanes: list[OpenDriveLane]) -> list[OpenDriveLane]:
     while last + 1 < len(lanes) and lanes[last + 1].kind in LEVEL:
         last += 1
     return lanes[first : last + 1]
+
+
+def _is_bay(lane: OpenDriveLane) -> bool:
+    return lane.kind == "parking" and float(lane.width_m.min()) >= NARROWEST_BAY_M
 
 
 def _line(middle_m: FloatArray) -> Centreline | None:

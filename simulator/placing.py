@@ -36,6 +36,9 @@ CAR_COLOURS = (
 KINDS, KIND_SHARES = ("pothole", "bump", "hump", "debris"), (0.58, 0.14, 0.06, 0.22)
 LANE_MARGIN_M = 0.15
 
+ON_KERB_M, BAY_INSET_M, TRACK_M = 0.55, 1.1, 1.5
+"""Middles of parked cars outside the edge, or inside that of a parking lane; between their left and right wheels."""
+
 MOUTH_MARGIN_M = 10.0
 """Nothing is parked this close to where a road joins."""
 
@@ -121,12 +124,12 @@ def apart(one: PlacedObstacle | PlacedFeature, others: Sequence[PlacedObstacle |
 
 
 def random_parked_cars(rng: np.random.Generator, stretches: Sequence[Stretch]) -> tuple[ParkedCar, ...]:
-    """Cars with two wheels on the kerb, some touching distance apart, none where roads join."""
+    """Cars in parking lanes or with two wheels on the kerb, some touching distance apart, none where roads join."""
     cars: list[ParkedCar] = []
     for stretch in stretches:
         road = stretch.road
         for side in (1, -1):
-            if not road.has_kerb(side):
+            if not (road.has_kerb(side) or road.has_parking(side)):
                 continue
             s = stretch.from_m + float(rng.uniform(0, 60))
             while s < stretch.to_m:
@@ -135,19 +138,21 @@ def random_parked_cars(rng: np.random.Generator, stretches: Sequence[Stretch]) -
                 )
                 curved = abs(float(road.line.at(np.array([s])).curvature_per_m[0])) > 1 / 80
                 if not near and not curved:
-                    cars.append(_at_the_kerb(rng, road, s, side))
+                    cars.append(_parked(rng, road, s, side))
                 s += 6.0 if rng.random() < 0.35 else float(rng.uniform(12, 70))
     return tuple(cars)
 
 
-def _at_the_kerb(rng: np.random.Generator, road: Road, s_m: float, side: int) -> ParkedCar:
+def _parked(rng: np.random.Generator, road: Road, s_m: float, side: int) -> ParkedCar:
     s = np.array([s_m])
+    bay = road.has_parking(side)
     edge = float(road.half_width(s)[0])
-    x, y = road.line.plan(s, np.array([side * (edge + 0.55)]))[0]
-    half_kerb = road.section.kerb_height_m / 2
-    z = float(road.height(s, np.array([side * edge]))[0]) + half_kerb
-    facing = 0.0 if side < 0 else math.pi
-    yaw = float(road.line.at(s).heading_rad[0]) + facing
-    # Its wheels beside the road stand on the kerb: the height of the kerb over a track of 1.5 m.
-    roll = -math.atan(road.section.kerb_height_m / 1.5)
-    return ParkedCar(float(x), float(y), z, yaw, roll, CAR_COLOURS[rng.integers(len(CAR_COLOURS))])
+    t = np.array([side * (edge + (-BAY_INSET_M if bay else ON_KERB_M))])
+    x, y = road.line.plan(s, t)[0]
+    direction = road.section.lanes[-1 if side > 0 else 0]
+    yaw = float(road.line.at(s).heading_rad[0]) + (0.0 if direction > 0 else math.pi)
+    kerb = 0.0 if bay else road.section.kerb_height_m
+    rise = float(road.cross_slope(s, t)[0]) if bay else side * kerb / TRACK_M
+    z = float(road.height(s, t if bay else np.array([side * edge]))[0]) + kerb / 2
+    colour = CAR_COLOURS[rng.integers(len(CAR_COLOURS))]
+    return ParkedCar(float(x), float(y), z, yaw, math.atan(direction * rise), colour)

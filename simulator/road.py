@@ -152,6 +152,10 @@ class Road:
         """Whether there is a pavement on the left (1) or the right (-1)."""
         return self.kerbs[0 if side > 0 else 1]
 
+    def has_parking(self, side: int) -> bool:
+        """Whether a parking lane lies along the left (1) or the right (-1) edge."""
+        return self.layout is not None and self.layout.parking[0 if side > 0 else 1]
+
     def opened(self, *openings: Opening) -> Road:
         """The road with more openings in its borders."""
         return replace(self, openings=(*self.openings, *openings))

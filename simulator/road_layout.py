@@ -35,7 +35,8 @@ class Layout:
     """A carriageway that changes along its road, given at distances `s_m` (K,).
 
     `half_width_m` (K,); `slope` (K,) is the rise to the left across the road; `lanes_m` (L, K) are the middles of the
-    lanes that traffic drives in, as offsets to the left.
+    lanes that traffic drives in, as offsets to the left; `parking` says whether there is a parking lane along the left
+    and along the right edge.
     """
 
     s_m: FloatArray
@@ -43,3 +44,4 @@ class Layout:
     slope: FloatArray
     lanes_m: FloatArray
     lines: tuple[PaintedLine, ...]
+    parking: tuple[bool, bool] = (False, False)

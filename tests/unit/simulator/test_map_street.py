@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from contract.geometry import LatLon
-from simulator.course import BEHIND_M, Course, last_start_m
+from simulator.course import BEHIND_M, Course, Stretch, last_start_m
 from simulator.keeping_clear import RoadSpace
 from simulator.map_roads import opened_where_they_meet, roads_of
 from simulator.map_routes import Lanes
@@ -18,6 +18,7 @@ from simulator.mesh import pose
 from simulator.motion import Standing
 from simulator.opendrive import OpenDriveLane, OpenDriveMap, read_opendrive
 from simulator.opendrive_xml import OpenDriveError
+from simulator.placing import random_parked_cars
 from simulator.road import Road
 from simulator.scenario import Scenario, ScenarioPlan, scenario
 from simulator.street import ParkedCar, Street
@@ -117,6 +118,21 @@ def test_a_parking_lane_widens_the_road_and_its_lanes_stay_where_they_are(
     assert 2 * far.half_width(s) == pytest.approx([9.2], abs=1e-3)
     # Right of the old middle there are 5.7 m, left of it 3.5: the new middle lies 1.1 m to the right.
     assert sorted(far.lane_offsets(s)[:, 0]) == pytest.approx([-1.75 + 1.1, 1.75 + 1.1], abs=0.01)
+
+
+def test_cars_park_in_parking_lanes_and_face_the_way_traffic_goes(crossing: OpenDriveMap, roads: list[Road]) -> None:
+    near, far = sorted(road_of(roads, crossing, SOUTH), key=lambda road: float(road.half_width(np.array([5.0]))[0]))
+    assert far.has_parking(-1)
+    assert not far.has_parking(1)
+    assert not near.has_parking(-1)
+    rng, stretch = np.random.default_rng(1), Stretch(far, 0.0, far.line.end_m)
+    cars = random_parked_cars(rng, [stretch])
+    s, t = far.line.project(np.array([(car.x_m, car.y_m) for car in cars]))
+    assert {round(float(offset), 2) for offset in t} == {5.15, -3.5}
+    for car, along, offset in zip(cars, s, t, strict=True):
+        ahead = math.cos(car.yaw_rad - float(far.line.at(np.array([along])).heading_rad[0]))
+        assert ahead == pytest.approx(-math.copysign(1.0, offset))
+        assert car.roll_rad == pytest.approx(0.0 if offset < 0 else -math.atan(0.12 / 1.5))
 
 
 def test_pavements_stand_on_no_carriageway(roads: list[Road]) -> None:
