@@ -29,11 +29,19 @@ class Clearance:
 
     def __init__(self, street: Street) -> None:
         self._roads = [_Strip(road) for road in street.roads]
+        self._low = np.array([road.low for road in self._roads])
+        self._high = np.array([road.high for road in self._roads])
+        self._widest = np.array([road.borders.max() for road in self._roads])
 
     def at(self, xy_m: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Distance (N,) from the borders, negative inside them, and height (N,) of that road, of positions (N, 2)."""
         outside, height = np.full(len(xy_m), np.inf), np.zeros(len(xy_m))
-        for road in self._roads:
+        beyond = np.maximum(np.maximum(self._low - xy_m.max(axis=0), xy_m.min(axis=0) - self._high), 0)
+        least = np.hypot(beyond[:, 0], beyond[:, 1]) - self._widest
+        for index in np.argsort(least, kind="stable"):
+            if least[index] >= outside.max():
+                break
+            road = self._roads[index]
             maybe = np.flatnonzero(road.least_outside(xy_m) < outside)
             if maybe.size:
                 distance, at = road.outside(xy_m[maybe])
@@ -51,21 +59,21 @@ class _Strip:
         self._points, self._heights = at.position_m[:, :2], at.position_m[:, 2]
         self._left = np.stack([-np.sin(at.heading_rad), np.cos(at.heading_rad)], axis=1)
         pavements = np.array([road.section.pavement_width_m if road.has_kerb(side) else 0.0 for side in (1, -1)])
-        self._borders = road.half_width(s)[:, None] + VERGE_WIDTH_M + pavements
+        self.borders = road.half_width(s)[:, None] + VERGE_WIDTH_M + pavements
         self._tree = cKDTree(self._points)
-        self._low, self._high = self._points.min(axis=0), self._points.max(axis=0)
+        self.low, self.high = self._points.min(axis=0), self._points.max(axis=0)
 
     def least_outside(self, xy_m: FloatArray) -> FloatArray:
         """No position (N, 2) is nearer (N,) to the borders than by the road's box."""
-        beyond = np.maximum(np.maximum(self._low - xy_m, xy_m - self._high), 0)
-        return np.asarray(np.hypot(beyond[:, 0], beyond[:, 1]) - self._borders.max())
+        beyond = np.maximum(np.maximum(self.low - xy_m, xy_m - self.high), 0)
+        return np.asarray(np.hypot(beyond[:, 0], beyond[:, 1]) - self.borders.max())
 
     def outside(self, xy_m: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Distance (N,) from the borders, negative inside, and height (N,) of the road at positions (N, 2)."""
         to_line, nearest = self._tree.query(xy_m)
         index = np.asarray(nearest)
         on_left = np.einsum("ij,ij->i", xy_m - self._points[index], self._left[index]) > 0
-        return to_line - np.where(on_left, *self._borders[index].T), self._heights[index]
+        return to_line - np.where(on_left, *self.borders[index].T), self._heights[index]
 
 
 def land(street: Street, clearance: Clearance) -> Part:

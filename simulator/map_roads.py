@@ -9,6 +9,7 @@ from itertools import groupby
 import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
+from scipy.spatial import cKDTree
 
 from simulator.centreline import SAMPLE_M, Centreline
 from simulator.opendrive import LaneMark, OpenDriveLane, OpenDriveRoad
@@ -66,6 +67,9 @@ LEAST_PAVEMENT_M = 0.8
 INTRUSION_STEP_M, BESIDE_M = 0.5, (0.15, 0.9, 1.7, 2.5)
 """Where, outward from the edge, borders would stand on another road."""
 
+AT_ENDS_M = 0.15
+"""Roads that follow each other overlap by less: there nothing is interrupted."""
+
 
 def roads_of(road: OpenDriveRoad) -> list[Road]:
     """A road for each lane section that has a driven lane and is long enough to be drawn."""
@@ -76,15 +80,38 @@ def roads_of(road: OpenDriveRoad) -> list[Road]:
 
 def opened_where_they_meet(roads: Sequence[Road]) -> list[Road]:
     """The roads with their borders interrupted where those would stand on another one's carriageway."""
-    boxes = [_box(road) for road in roads]
-    meeting = [
-        [other for other, there in zip(roads, boxes, strict=True) if other is not road and _touch(here, there)]
-        for road, here in zip(roads, boxes, strict=True)
-    ]
-    return [
-        road.opened(*(opening for side in (1, -1) for opening in _intrusions(road, side, others)))
-        for road, others in zip(roads, meeting, strict=True)
-    ]
+    surfaces = [_Surface(road) for road in roads]
+    opened = []
+    for road, own in zip(roads, surfaces, strict=True):
+        others = [other for other in surfaces if other is not own and other.is_near(own)]
+        opened.append(road.opened(*(opening for side in (1, -1) for opening in _intrusions(road, side, others))))
+    return opened
+
+
+class _Surface:
+    """A carriageway sampled along its middle: whether positions lie on it, without the search for each one's foot."""
+
+    def __init__(self, road: Road) -> None:
+        count = max(2, math.ceil(road.line.length_m / INTRUSION_STEP_M) + 1)
+        s = np.linspace(road.line.start_m, road.line.end_m, count)
+        at = road.line.at(s)
+        self._points, self._half = at.position_m[:, :2], road.half_width(s)
+        self._ahead = np.stack([np.cos(at.heading_rad), np.sin(at.heading_rad)], axis=1)
+        self._tree = cKDTree(self._points)
+        around = float(self._half.max()) + BESIDE_M[-1]
+        self._low, self._high = self._points.min(axis=0) - around, self._points.max(axis=0) + around
+
+    def is_near(self, other: _Surface) -> bool:
+        """Whether the boxes of two roads and their borders overlap."""
+        return bool((self._low < other._high).all() and (other._low < self._high).all())
+
+    def holds(self, xy_m: FloatArray) -> NDArray[np.bool_]:
+        """Whether positions (N, 2) lie on the carriageway."""
+        distance, nearest = self._tree.query(xy_m)
+        index = np.asarray(nearest)
+        along = np.einsum("ij,ij->i", xy_m - self._points[index], self._ahead[index])
+        beyond = ((index == 0) & (along <= 0)) | ((index == len(self._points) - 1) & (along >= 0))
+        return np.asarray((distance <= self._half[index]) & ~beyond)
 
 
 def _road(lanes: list[OpenDriveLane], *, connecting: bool) -> Road | None:
@@ -186,28 +213,19 @@ def _painted(
     ]
 
 
-def _intrusions(road: Road, side: int, others: Sequence[Road]) -> list[Opening]:
+def _intrusions(road: Road, side: int, others: Sequence[_Surface]) -> list[Opening]:
     """Where the borders of one side would stand on others."""
-    count = max(2, round(road.line.length_m / INTRUSION_STEP_M) + 1)
-    s = np.linspace(road.line.start_m, road.line.end_m, count)
-    beside = np.array(BESIDE_M)
+    first, last = road.line.start_m + AT_ENDS_M, road.line.end_m - AT_ENDS_M
+    if last <= first:
+        return []
+    count = max(2, round((last - first) / INTRUSION_STEP_M) + 1)
+    s, beside = np.linspace(first, last, count), np.array(BESIDE_M)
     t = side * (road.half_width(s)[:, None] + beside)
     plan = road.line.plan(np.repeat(s, len(beside)), t.ravel())
     taken = np.zeros(len(plan), dtype=bool)
     for other in others:
-        taken |= other.holds(*other.line.project(plan))
+        taken |= other.holds(plan)
     taken_at = np.asarray(taken.reshape(count, len(beside)).any(axis=1))
-    half_step = road.line.length_m / (count - 1) / 2
+    half_step = (last - first) / (count - 1) / 2
     runs = [list(run) for is_taken, run in groupby(range(count), key=lambda index: taken_at[index]) if is_taken]
     return [Opening(float(s[run[0]]) - half_step, float(s[run[-1]]) + half_step, side) for run in runs]
-
-
-def _box(road: Road) -> tuple[FloatArray, FloatArray]:
-    s = np.linspace(road.line.start_m, road.line.end_m, max(2, math.ceil(road.line.length_m / 5.0) + 1))
-    points = road.line.at(s).position_m[:, :2]
-    around = float(road.half_width(s).max()) + BESIDE_M[-1]
-    return points.min(axis=0) - around, points.max(axis=0) + around
-
-
-def _touch(one: tuple[FloatArray, FloatArray], other: tuple[FloatArray, FloatArray]) -> bool:
-    return bool((one[0] < other[1]).all() and (other[0] < one[1]).all())

@@ -7,7 +7,7 @@ from collections.abc import Collection, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from simulator.opendrive import LaneKey, OpenDriveLane, OpenDriveMap
+from simulator.opendrive import LaneKey, OpenDriveLane, OpenDriveRoad
 from simulator.trajectory import Path
 
 FloatArray = NDArray[np.float64]
@@ -29,11 +29,11 @@ MOST_STEPS = 4_000
 
 
 class Lanes:
-    """The lanes of a map that cars can drive, and where each leads."""
+    """The lanes of some roads that cars can drive, and where each leads on these roads."""
 
-    def __init__(self, opendrive: OpenDriveMap) -> None:
-        self._lanes = {lane.key: lane for road in opendrive.roads for lane in road.lanes if _is_driven(lane)}
-        self._connecting = {road.road_id for road in opendrive.roads if road.junction_id != -1}
+    def __init__(self, roads: Sequence[OpenDriveRoad]) -> None:
+        self._lanes = {lane.key: lane for road in roads for lane in road.lanes if _is_driven(lane)}
+        self._connecting = {road.road_id for road in roads if road.junction_id != -1}
         self._on = {key: self._continued(lane) for key, lane in self._lanes.items()}
         self._length_m = {key: _length(lane.centre_m) for key, lane in self._lanes.items()}
 
@@ -47,19 +47,18 @@ class Lanes:
     ) -> list[LaneKey]:
         """Lanes from a start on, none twice, `length_m` long or as long as was found; those not `taken` come first."""
         way, driven = [start], [self._length_m[start]]
-        choices = [self._choices(rng, start, taken)]
+        choices = [self._choices(rng, way, taken)]
         best, longest = [start], driven[0]
         for _ in range(MOST_STEPS):
             if longest >= length_m or not choices:
                 break
-            lane = next((key for key in iter(choices[-1].pop, None) if key not in way), None) if choices[-1] else None
-            if lane is None:
-                for path in (way, driven, choices):
-                    path.pop()
+            if not choices[-1]:
+                for stack in (way, driven, choices):
+                    stack.pop()
                 continue
-            way.append(lane)
-            driven.append(driven[-1] + self._length_m[lane])
-            choices.append(self._choices(rng, lane, taken))
+            way.append(choices[-1].pop())
+            driven.append(driven[-1] + self._length_m[way[-1]])
+            choices.append(self._choices(rng, way, taken))
             if driven[-1] > longest:
                 best, longest = list(way), driven[-1]
         return best
@@ -73,10 +72,11 @@ class Lanes:
         """Width of the narrowest place of a route."""
         return min(float(self._lanes[key].width_m.min()) for key in route)
 
-    def _choices(self, rng: np.random.Generator, lane: LaneKey, taken: Collection[LaneKey]) -> list[LaneKey]:
-        """Where a lane leads, to be taken from the end."""
-        on = [self._on[lane][index] for index in rng.permutation(len(self._on[lane]))]
-        return sorted(on, key=lambda key: key not in taken)
+    def _choices(self, rng: np.random.Generator, way: Sequence[LaneKey], taken: Collection[LaneKey]) -> list[LaneKey]:
+        """Where a way can go on without driving a lane twice, to be taken from the end."""
+        on = self._on[way[-1]]
+        shuffled = [on[index] for index in rng.permutation(len(on))]
+        return sorted((key for key in shuffled if key not in way), key=lambda key: key not in taken)
 
     def _continued(self, lane: OpenDriveLane) -> tuple[LaneKey, ...]:
         here = _travelled(lane)[0][-1]

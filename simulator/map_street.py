@@ -16,7 +16,7 @@ from contract.geometry import LatLon
 from simulator.course import BEHIND_M, MOST_EAGER, SPEED_LIMIT_MPS, Course, Stretch, driving_time_s, last_start_m
 from simulator.map_roads import opened_where_they_meet, roads_of
 from simulator.map_routes import Lanes
-from simulator.opendrive import LaneKey, OpenDriveMap, read_opendrive
+from simulator.opendrive import LaneKey, OpenDriveMap, OpenDriveRoad, read_opendrive
 from simulator.opendrive_xml import OpenDriveError
 from simulator.placing import apart, placed_obstacle, random_features, random_obstacle, random_parked_cars
 from simulator.road import Road
@@ -84,10 +84,12 @@ def map_course(opendrive: OpenDriveMap, seed: int, plan: WorldPlan, convoy: Conv
     `OpenDriveError` if there is no such route, with the time that the longest one takes.
     """
     rng = np.random.default_rng([seed, 31])
-    lanes = Lanes(opendrive)
+    lanes = Lanes(opendrive.roads)
     own = _own_route(rng, lanes, convoy)
-    paths = [lanes.path(own), *_other_paths(rng, lanes, own, convoy)]
-    roads, driven = _roads(opendrive, own, paths[0])
+    way = lanes.path(own)
+    seen = _in_sight(opendrive.roads, way)
+    paths = [way, *_other_paths(rng, Lanes(seen), own, convoy)]
+    roads, driven = _roads(seen, own)
     stretches = tuple(Stretch(road, road.line.start_m, road.line.end_m) for road in roads[:driven])
     styles = list(Roadside)
     left, right = (styles[index] for index in rng.integers(len(styles), size=2))
@@ -167,25 +169,23 @@ def _other_paths(rng: np.random.Generator, lanes: Lanes, own: Sequence[LaneKey],
     return paths
 
 
-def _roads(opendrive: OpenDriveMap, own: Sequence[LaneKey], path: Path) -> tuple[list[Road], int]:
-    """The roads in sight of a path, those that it leads along first, and how many these are."""
-    seen_from = cKDTree(path.line.at(np.arange(path.line.start_m, path.line.end_m, 5.0)).position_m[:, :2])
-    driven_ids = list(dict.fromkeys(key.road_id for key in own))
-    along: dict[int, list[Road]] = {}
-    beside: list[Road] = []
-    for road in opendrive.roads:
-        drawn = [one for one in roads_of(road) if _in_sight(one, seen_from)]
-        if road.road_id in driven_ids and road.junction_id == -1:
-            along[road.road_id] = drawn
-        else:
-            beside += drawn
-    first = [road for number in driven_ids for road in along.get(number, [])]
-    return opened_where_they_meet([*first, *beside]), len(first)
+def _in_sight(roads: Sequence[OpenDriveRoad], path: Path) -> list[OpenDriveRoad]:
+    """The roads that come near a path."""
+    way = cKDTree(path.line.at(np.arange(path.line.start_m, path.line.end_m, 5.0)).position_m[:, :2])
+    return [
+        road
+        for road in roads
+        if any(float(np.min(way.query(lane.centre_m[:, :2])[0])) < DRAWN_BEYOND_M for lane in road.lanes)
+    ]
 
 
-def _in_sight(road: Road, seen_from: cKDTree) -> bool:
-    points = road.line.at(np.arange(road.line.start_m, road.line.end_m, 5.0)).position_m[:, :2]
-    return float(np.min(seen_from.query(points)[0])) < DRAWN_BEYOND_M
+def _roads(seen: Sequence[OpenDriveRoad], own: Sequence[LaneKey]) -> tuple[list[Road], int]:
+    """The roads to be drawn, those that the egos' route leads along first, and how many these are."""
+    order = {key.road_id: place for place, key in reversed(list(enumerate(own)))}
+    driven = [road for road in seen if road.road_id in order and road.junction_id == -1]
+    along = [one for road in sorted(driven, key=lambda road: order[road.road_id]) for one in roads_of(road)]
+    beside = [one for road in seen if all(road is not other for other in driven) for one in roads_of(road)]
+    return opened_where_they_meet([*along, *beside]), len(along)
 
 
 def _obstacles(

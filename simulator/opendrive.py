@@ -127,9 +127,11 @@ def _carla_map(path: Path, root: ET.Element) -> carla.Map:
         import carla
     except ImportError as error:
         raise OpenDriveError("OpenDRIVE maps are read with carla; run pip install 'headsup[carla]'") from error
-    reference = root.find("header/geoReference")
-    if reference is not None:
-        reference.text = "+lat_0=0 +lon_0=0"  # CARLA prints a warning about what it cannot read, and we have read it
+    header = root.find("header")
+    header = ET.SubElement(root, "header") if header is None else header
+    reference = header.find("geoReference")
+    reference = ET.SubElement(header, "geoReference") if reference is None else reference
+    reference.text = "+lat_0=0 +lon_0=0"  # CARLA prints a warning about what it cannot read, and we have read it
     return carla.Map(path.stem, ET.tostring(root, encoding="unicode"))
 
 

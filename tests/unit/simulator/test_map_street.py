@@ -24,6 +24,7 @@ from simulator.scenario import Scenario, ScenarioPlan, scenario
 from simulator.street import ParkedCar, Street
 from simulator.trajectory import Path
 from simulator.world_plan import WorldPlan
+from tests.unit.simulator import test_opendrive as xodr
 from tests.unit.simulator.crossroads import EAST, EXAMPLE, NORTH, SOUTH, WEST, crossroads
 from tests.unit.simulator.test_opendrive import town
 
@@ -151,7 +152,7 @@ def test_pavements_stand_on_no_carriageway(roads: list[Road]) -> None:
 
 @pytest.mark.parametrize("seed", SEEDS)
 def test_routes_are_continuous_and_follow_their_lanes(crossing: OpenDriveMap, seed: int) -> None:
-    rng, lanes = np.random.default_rng(seed), Lanes(crossing)
+    rng, lanes = np.random.default_rng(seed), Lanes(crossing.roads)
     start = lanes.starts[int(rng.integers(len(lanes.starts)))]
     route = lanes.route(rng, start, 450.0)
     assert len(set(route)) == len(route)
@@ -174,8 +175,28 @@ def test_routes_are_continuous_and_follow_their_lanes(crossing: OpenDriveMap, se
         assert (np.cos(turned) > 0).all()
 
 
+def test_a_ring_is_driven_round_once(tmp_path: FilePath) -> None:
+    link = '<predecessor id="-1"/><successor id="-1"/>'
+    lanes = xodr.section("", xodr.lane(-1, "driving", xodr.flat(3.5), link=link))
+    radius, third = 50.0, 2 * math.pi / 3
+    pieces = []
+    for number in range(3):
+        x, y = radius * math.sin(third * number), -radius * math.cos(third * number)
+        arc = xodr.geometry(0, x, y, third * number, radius * third, f'<arc curvature="{1 / radius}"/>')
+        before, after = (number - 1) % 3, (number + 1) % 3
+        linked = f'<predecessor elementType="road" elementId="{before}" contactPoint="end"/>'
+        linked += f'<successor elementType="road" elementId="{after}" contactPoint="start"/>'
+        pieces.append(xodr.road(number, radius * third, arc, lanes, linked))
+    path = tmp_path / "ring.xodr"
+    path.write_text(f"<OpenDRIVE>{''.join(pieces)}</OpenDRIVE>")
+    ring = Lanes(read_opendrive(path, origin=LatLon(latitude_deg=1, longitude_deg=2)).roads)
+    route = ring.route(np.random.default_rng(1), ring.starts[0], 1e4)
+    assert [key.road_id for key in route] == [0, 1, 2]
+    assert ring.path(route).line.length_m == pytest.approx(2 * math.pi * 51.75, abs=0.1)
+
+
 def test_a_route_takes_what_nobody_has_taken_first(crossing: OpenDriveMap) -> None:
-    lanes, rng = Lanes(crossing), np.random.default_rng(1)
+    lanes, rng = Lanes(crossing.roads), np.random.default_rng(1)
     start = next(key for key in lanes.starts if key[0] == WEST and key[2] > 0)
     ways = [lanes.route(rng, start, 300.0) for _ in range(20)]
     onward = {way[1] for way in ways}
