@@ -53,10 +53,9 @@ def drive(
     except KeyboardInterrupt:
         typer.echo("headsup simulate drive: interrupted; what is in the folder is not whole", err=True)
         raise typer.Exit(130) from None
-    changed = len(happening.changing.changes)
-    typer.echo(
-        f"{out}: {options.egos} vehicles, {len(happening.changing.street.obstacles)} obstacles, {changed} changes"
-    )
+    vehicles = f"{options.egos} vehicle{'s' if options.egos > 1 else ''}"
+    obstacles, changes = len(happening.changing.street.obstacles), len(happening.changing.changes)
+    typer.echo(f"{out}: {vehicles}, {obstacles} obstacles, {changes} changes")
 
 
 def _record(plan: RecordingPlan, out: Path) -> Scenario:
