@@ -27,9 +27,9 @@ def sensors(
 
     Examples:
 
-        headsup simulate sensors --data shared/data
+        headsup simulate sensors --data ~/data
 
-        headsup simulate sensors --data shared/data --out out/sensors
+        headsup simulate sensors --data ~/data --out out/sensors
     """
     from rich.console import Console
     from rich.progress import track

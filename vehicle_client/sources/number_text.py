@@ -24,7 +24,7 @@ def parse_numbers(text: bytes) -> NDArray[np.float32] | None:
     return numbers[:count].copy() if count >= 0 else None
 
 
-@njit(cache=True, nogil=True)  # type: ignore[untyped-decorator]  # numba has no types
+@njit(cache=True, nogil=True)
 def _parse(data: Any, numbers: Any) -> int:
     """Fill `numbers` and return how many there are; -1 at the first byte that belongs to none."""
     at = count = 0
@@ -40,7 +40,7 @@ def _parse(data: Any, numbers: Any) -> int:
         count += 1
 
 
-@njit(cache=True, nogil=True)  # type: ignore[untyped-decorator]  # numba has no types
+@njit(cache=True, nogil=True)
 def _number(data: Any, at: int) -> tuple[int, float]:
     """Where the number that begins here ends, and its value; -1 if it is none."""
     negative, at = _sign(data, at)
@@ -71,7 +71,7 @@ def _number(data: Any, at: int) -> tuple[int, float]:
     return at, -value if negative else value
 
 
-@njit(cache=True, nogil=True)  # type: ignore[untyped-decorator]  # numba has no types
+@njit(cache=True, nogil=True)
 def _sign(data: Any, at: int) -> tuple[bool, int]:
     """Whether a minus stands here, and what comes after a sign."""
     if at < len(data) and (data[at] == _MINUS or data[at] == _PLUS):
