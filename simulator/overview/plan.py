@@ -65,11 +65,18 @@ def _filling(axes: Axes, low: FloatArray, high: FloatArray) -> tuple[FloatArray,
 
 
 def _draw_road(axes: Axes, road: Road, turn: FloatArray) -> None:
+    """The carriageway and its painted lines; ways through a junction lie over each other and have no edges."""
     s = np.arange(road.line.start_m, road.line.end_m, 1.0)
-    edge = road.half_width(s)
-    axes.add_artist(Polygon(_band(road, s, edge) @ turn, facecolor=ASPHALT, edgecolor=KERB, linewidth=0.6, zorder=0.8))
-    middle = road.line.plan(s, np.zeros_like(s)) @ turn
-    axes.plot(*middle.T, color=PAPER, linewidth=0.8, dashes=(6, 6), zorder=0.9)
+    band = _band(road, s, road.half_width(s)) @ turn
+    axes.add_artist(
+        Polygon(band, facecolor=ASPHALT, edgecolor="none" if road.connecting else KERB, linewidth=0.6, zorder=0.8)
+    )
+    for line in road.lines():
+        along = s[(s >= line.from_m) & (s <= line.to_m)]
+        if len(along) > 1:
+            way = road.line.plan(along, np.interp(along, *line.offset_m.T)) @ turn
+            style = (0, (6, 6)) if line.dashed else "solid"
+            axes.plot(*way.T, color=PAPER, linewidth=0.6, zorder=0.9, linestyle=style)
 
 
 def _band(road: Road, s_m: FloatArray, half_width_m: FloatArray) -> FloatArray:
