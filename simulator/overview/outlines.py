@@ -21,8 +21,9 @@ FloatArray = NDArray[np.float64]
 LATTICE = 160
 """Cells along an outline's longer side: finer than a picture of this size shows."""
 
-ROW_M, LONGEST_M, GAP_M, NARROWEST_M = 21.0, 2.0, 0.35, 0.85
-"""How much outline fits in a row; what is longer is drawn at half the scale; words need room."""
+ROW_M, LONGEST_M, GAP_M = 21.0, 2.0, 0.35
+WORDS_M, CHANGED_WORDS_M = 0.85, 1.4
+"""How much outline fits in a row; what is longer is drawn at half the scale; words need so much room."""
 
 
 def outlines(placed: PlacedObstacle) -> list[FloatArray]:
@@ -39,7 +40,8 @@ def draw_outlines(axes: Axes, happening: Scenario) -> None:
     x_m, shown, half_height_m = 0.0, 0, 0.6
     for placed in obstacles:
         scale = 0.5 if max(placed.shape.length_m, placed.shape.width_m) > LONGEST_M else 1.0
-        length_m = max(scale * placed.shape.length_m, NARROWEST_M)
+        words_m = CHANGED_WORDS_M if placed.obstacle_id in changes else WORDS_M
+        length_m = max(scale * placed.shape.length_m, words_m)
         if x_m + length_m > ROW_M:
             break
         middle = x_m + length_m / 2
