@@ -31,6 +31,7 @@ from simulator.sensor_rigs import RIGS
 from simulator.street import Roughness
 from simulator.world_plan import WorldPlan
 
+GUIDE = Path(__file__).parents[2] / "docs/datasets.md"
 LIDAR = next(entry for entry in RIGS["hdl32"]() if "lidar" in str(entry["type"]))
 HEIGHT_M = 1.84
 
@@ -241,6 +242,26 @@ def test_points_of_a_moving_thing_lie_about_it_and_no_vehicle_sees_itself(writte
             assert set(turn.labels["surface"][of_it].tolist()) <= set(map(int, kinds))
             seen.add(one)
     assert len(seen) >= 3
+
+
+def test_the_lines_of_the_guide_load_a_recording(
+    written: Written, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    lines = GUIDE.read_text().split("## Loading")[1].split("```python\n")[1].split("```")[0]
+    (tmp_path / "runs").mkdir()
+    (tmp_path / "runs/0001").symlink_to(written.folder)
+    monkeypatch.chdir(tmp_path)
+    loaded: dict[str, object] = {}
+    exec(compile(lines, str(GUIDE), "exec"), loaded)  # noqa: S102  # our own documentation
+    kinds = {placed.obstacle_id: placed.kind.value for placed in written.happening.changing.street.obstacles}
+    assert loaded["seen"]
+    for (number, kind), hits in loaded["seen"].items():
+        assert kind == kinds[number]
+        of_ego0 = [turn for turn in written.turns if turn.ego == 0]
+        expected = {turn.time_s: int((turn.labels["obstacle_id"] == number).sum()) for turn in of_ego0}
+        assert {time_s: count for time_s, count, _ in hits if time_s in expected} == {
+            time_s: count for time_s, count in expected.items() if count
+        }
 
 
 SENSORS = [
