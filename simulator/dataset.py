@@ -21,8 +21,12 @@ from simulator.recording.files import json_bytes, write_whole
 BLOCK = ("train",) * 14 + ("val",) * 3 + ("test",) * 3
 """Of every twenty drives in a row: 70, 15 and 15 %. A larger data set of the same first seed keeps the split."""
 
-OWN_FILES = re.compile(r"(ego\d+(\.mcap)?|obstacles\.json|overview\.png|recording\.json)(\.part)?")
-"""What a recording's folder holds; a folder with anything else is not removed."""
+OWN_FILES = re.compile(
+    r"(ego\d+\.mcap|obstacles\.json|overview\.png|recording\.json"
+    r"|ego\d+/[\w.-]+\.(csv|txt)"
+    r"|ego\d+/sensor\.[\w.-]+/(\w+_metadata\.txt|(labels/)?\d{5,}\.(ply|png|npz)))(\.part)?"
+)
+"""What a recording's folder holds; a folder with any other file is not removed."""
 
 RESERVE = 1.05
 """Drives differ in size; of a hundred, the sum differs from a multiple of the first by a few per cent (measured)."""
@@ -61,7 +65,8 @@ class PlannedDrive:
         if not self.folder.exists():
             return
         strange = [] if self.folder.is_dir() else [self.folder.name]
-        strange = strange or sorted(p.name for p in self.folder.iterdir() if not OWN_FILES.fullmatch(p.name))
+        files = (str(p.relative_to(self.folder)) for p in self.folder.rglob("*") if not p.is_dir() or p.is_symlink())
+        strange = strange or sorted(name for name in files if not OWN_FILES.fullmatch(name))
         if strange:
             raise DatasetError(f"{self.folder} is no unfinished recording: it holds {strange[0]}. Give another folder")
         shutil.rmtree(self.folder)

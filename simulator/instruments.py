@@ -72,8 +72,8 @@ def instrument(sensor: RigSensor, carrier: Carrier, rng: np.random.Generator) ->
             return _Camera(sensor, model, carrier, schedule)
         case ImuModel() as model:
             return _Imu(ImuUnit(model, carried, carrier.worlds.enu_from_street, rng, sensor.name), schedule)
-        case error:
-            return _gnss(error, sensor, carried, carrier.worlds, schedule, rng)
+        case gnss_error:  # a protocol: what is none of the classes above
+            return _gnss(gnss_error, sensor, carried, carrier.worlds, schedule, rng)
 
 
 @dataclass(frozen=True, slots=True)

@@ -31,6 +31,9 @@ GAP_M = 0.5
 
 SHAPES = ("line", "arc", "spiral", "poly3", "paramPoly3")
 
+LARGEST_M = {"width": 100.0, "laneOffset": 1_000.0, "elevation": 9_000.0}
+"""Metres that the constant term of a profile may have: lanes of an airfield, and the highest mountains."""
+
 NUMBERS = {
     "road": ("length",),
     "geometry": ("s", "x", "y", "hdg", "length"),
@@ -163,6 +166,8 @@ def _problems(road: ET.Element) -> Iterator[str]:
         for name in NUMBERS.get(element.tag, ()):
             if not abs(_number(element.get(name))) < LARGEST:
                 yield f"{name} of a {element.tag} is not a number of a map's size"
+        if element.tag in LARGEST_M and not abs(_number(element.get("a"))) <= LARGEST_M[element.tag]:
+            yield f"a of a {element.tag} is more than {LARGEST_M[element.tag]:g} m"
     if not 0 < _number(road.get("length")) <= LONGEST_ROAD_M:
         yield f"its length is not between 0 and {LONGEST_ROAD_M:.0f} m"
     geometries = road.findall("planView/geometry")

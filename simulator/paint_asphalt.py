@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from simulator.paint_feature import paint_feature
 from simulator.paint_relief import mirrored_sky, paint_relief
-from simulator.pothole import Relief
+from simulator.relief import Relief
 from simulator.road import EDGE_LINE_INSET_M, STOP_LINE_M, Road
 from simulator.road_layout import DASH_M, DASH_PERIOD_M, PaintedLine
 from simulator.sky import Daylight

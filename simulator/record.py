@@ -24,7 +24,7 @@ from simulator.overview.sights import Onlooker, Sight, moments
 from simulator.readings import EgoFrame
 from simulator.recording.files import RecordingError, write_whole
 from simulator.recording.header import RecordingHeader
-from simulator.recording.writer import EgoSummary, EgoWriter, begin_recording, end_recording
+from simulator.recording.writer import EgoSummary, EgoWriter, begin_recording, end_recording, refuse_full
 from simulator.scenario import Scenario, ScenarioPlan, scenario
 from simulator.sensor_config import SensorRig, read_sensors
 from simulator.world import World
@@ -74,6 +74,9 @@ class RecordingPlan:
 
 def record(plan: RecordingPlan, folder: Path, progress: Progress) -> Scenario:
     """Drive and write a whole recording. RecordingError and OSError say what is wrong with the folder."""
+    if plan.frames < 1:
+        raise RecordingError(f"{plan.scenario.seconds:g} s are less than one frame of {tick_of(plan.rig):g} s")
+    refuse_full(folder)
     happening = scenario(plan.scenario)
     header = _header(plan, happening)
     truth = happening.changing.truth()

@@ -125,8 +125,8 @@ class Relief:
 
     def aged(self, growth_percent: float) -> Relief:
         """The shape after wear: the footprint's area, and the depth or height, larger by so many per cent each."""
-        if not (math.isfinite(growth_percent) and growth_percent > -100):
-            raise ValueError(f"growth must be more than -100 %, not {growth_percent}")
+        if not -50 <= growth_percent <= 300:
+            raise ValueError(f"growth is -50 to 300 %, not {growth_percent}")
         factor = 1 + growth_percent / 100
         floor = None if self.floor_m is None else self.floor_m * factor
         return replace(self.grown(factor), heights_m=self.heights_m * factor, floor_m=floor)

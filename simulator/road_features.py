@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from simulator.pothole import GRID_STEP_M, Relief
+from simulator.relief import GRID_STEP_M, Relief
 
 FloatArray = NDArray[np.float64]
 

@@ -53,12 +53,17 @@ class _Strict(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True)
 
 
+# Far more than any sensor has, and little enough for memory and for float32.
+Pixels = Annotated[int, Field(gt=0, le=8_192)]
+Metres = Annotated[float, Field(ge=-100, le=100, allow_inf_nan=False)]
+
+
 class Mounting(_Strict):
     """CARLA's left-handed pose on the vehicle: metres and degrees."""
 
-    x: Finite = 0.0
-    y: Finite = 0.0
-    z: Finite = 0.0
+    x: Metres = 0.0
+    y: Metres = 0.0
+    z: Metres = 0.0
     roll: Finite = 0.0
     pitch: Finite = 0.0
     yaw: Finite = 0.0
@@ -70,7 +75,8 @@ class Mounting(_Strict):
 
 
 class _Sensor(_Strict):
-    role_name: Annotated[str, Field(min_length=1)]
+    # It names a folder where two sensors share a type.
+    role_name: Annotated[str, Field(pattern=r"^[A-Za-z0-9_-]{1,64}$")]
     transform: Annotated[tuple[Mounting, ...], Field(min_length=1, max_length=1)] = (Mounting(),)
     sensor_tick: NotNegative = 0.0
     noise_seed: int = 0
@@ -88,8 +94,8 @@ class _Camera(_Sensor):
     def _without_look(cls, entry: dict[str, Any]) -> dict[str, Any]:
         return {key: value for key, value in entry.items() if key not in CAMERA_LOOK}
 
-    image_size_x: Annotated[int, Field(gt=0)] = 800
-    image_size_y: Annotated[int, Field(gt=0)] = 600
+    image_size_x: Pixels = 800
+    image_size_y: Pixels = 600
     fov: Annotated[float, Field(gt=0, lt=180)] = 90.0
 
     def model(self) -> CameraModel:
@@ -113,9 +119,9 @@ class SemanticCamera(_Camera):
 
 
 class _RayCast(_Sensor):
-    channels: Annotated[int, Field(gt=0)] = 32
-    range: Positive = 10.0
-    points_per_second: Annotated[int, Field(gt=0)] = 56_000
+    channels: Annotated[int, Field(gt=0, le=512)] = 32
+    range: Annotated[float, Field(gt=0, le=1_000)] = 10.0
+    points_per_second: Annotated[int, Field(gt=0, le=50_000_000)] = 56_000
     rotation_frequency: Positive = 10.0
     upper_fov: Annotated[float, Field(ge=-90, le=90)] = 10.0
     lower_fov: Annotated[float, Field(ge=-90, le=90)] = -30.0

@@ -88,6 +88,14 @@ def read_sensors(content: object) -> SensorRig:
     if not isinstance(content, dict) or set(content) != {"sensors"} or not isinstance(content["sensors"], list):
         raise SensorConfigError('must be {"sensors": [...]} and nothing else')
     sensors = tuple(_sensor(index, entry) for index, entry in enumerate(content["sensors"], start=1))
+    if not sensors:
+        raise SensorConfigError("there is no sensor in it")
+    rates = {sensor.model.rate_hz for sensor in sensors if isinstance(sensor.model, LidarModel)}
+    if len(rates) > 1:
+        raise SensorConfigError(
+            f"its LiDARs turn {' and '.join(f'{rate:g}' for rate in sorted(rates))} times a second; "
+            "a frame is one turn, so give all the same rotation_frequency"
+        )
     counted = Counter(sensor.name for sensor in sensors)
     for name, times in counted.items():
         if times > 1:

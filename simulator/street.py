@@ -17,8 +17,10 @@ from numpy.typing import NDArray
 
 from contract.geometry import Kind, LatLon
 from simulator.debris import Debris, broken_pallet
+from simulator.hump import bump
 from simulator.mesh import pose
-from simulator.pothole import Relief, bump, pothole
+from simulator.pothole import pothole
+from simulator.relief import Relief
 from simulator.road import Road, straight_road
 from simulator.road_features import joint, manhole, patch
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy import fft, ndimage
 
 from simulator.mesh import Mesh, grid, joined
-from simulator.pothole import Relief
+from simulator.relief import Relief
 from simulator.road import OVERLAP_M, Road
 from simulator.street import PlacedFeature, PlacedObstacle, Roughness, Street
 from simulator.texture import fractal_noise

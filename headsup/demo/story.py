@@ -30,8 +30,8 @@ from headsup.demo.server_process import ServerProcess
 from headsup.demo.simulated import SimulatedSource, calibration, camera_calibration, drive_on, passers_by
 from headsup.demo.summary import Summary, write_summary
 from simulator.mover import Mover
-from simulator.pothole import Relief
 from simulator.readings import EgoFrame
+from simulator.relief import Relief
 from simulator.scan import find_scans, load_scan
 from simulator.street import Street, fill, first_light_street, grow
 from simulator.world import World

@@ -171,6 +171,9 @@ def pothole(
         _fail(f"{error.filename or out}: {error.strerror or error}")
     except (ScanError, ValueError) as error:
         _fail(str(error))
+    except KeyboardInterrupt:
+        typer.echo("headsup simulate pothole: interrupted; the last sample may lack files", err=True)
+        raise typer.Exit(130) from None
     typer.echo(f"{out}: {count} {'sample' if count == 1 else 'samples'}")
 
 

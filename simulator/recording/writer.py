@@ -112,11 +112,18 @@ class RecordingWriter:
 
 def begin_recording(folder: Path, header: RecordingHeader, obstacles: Sequence[ObstacleTruth]) -> None:
     """Make an empty run folder with its obstacles. `RecordingError` if it holds anything, or sensors share a name."""
-    if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
-        raise RecordingError(f"{folder}: holds files already; give a new or an empty folder")
+    refuse_full(folder)
     sensor_folders(header.sensors)
     folder.mkdir(parents=True, exist_ok=True)
     write_whole(folder / "obstacles.json", json_bytes([_obstacle_json(row) for row in obstacles]))
+
+
+def refuse_full(folder: Path) -> None:
+    """`RecordingError` unless a recording may begin there."""
+    if folder.exists() and not folder.is_dir():
+        raise RecordingError(f"{folder}: is a file; give a new or an empty folder")
+    if folder.exists() and any(folder.iterdir()):
+        raise RecordingError(f"{folder}: holds files already; give a new or an empty folder")
 
 
 def end_recording(folder: Path, header: RecordingHeader, egos: Sequence[EgoSummary]) -> None:

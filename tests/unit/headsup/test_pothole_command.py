@@ -132,7 +132,7 @@ def test_a_sheet_shows_the_samples(tmp_path: Path) -> None:
         ("--lobes 9", "lobes of a pothole must be between 1 and 5"),
         ("--water 1.5", "water of a pothole must be between"),
         ("--fill 2", "filled to between 0 and 1"),
-        ("--grow -100", "growth must be more than -100 %"),
+        ("--grow -100", "growth is -50 to 300 %"),
         ("--patch-side 0.2", "has sides of"),
         ("--kind hump --height 0.3", "a road hump is 0.025 to 0.1 m high"),
         ("--kind bump --height -1", "height_m of a bump must be between"),

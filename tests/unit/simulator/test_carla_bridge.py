@@ -268,12 +268,6 @@ def test_what_carla_does_not_know_is_refused_before_anything_drives(tmp_path: Pa
     assert_left_as_found(client)
 
 
-def test_lidars_of_different_rates_have_no_common_tick(tmp_path: Path) -> None:
-    slow = {**LIDAR, "role_name": "slow", "rotation_frequency": 10.0}
-    with pytest.raises(CarlaBridgeError, match="different rates"):
-        record(Client(), plan(rig=rig(LIDAR, slow)), tmp_path / "run")
-
-
 def test_a_turn_longer_than_carlas_physics_allows_is_refused(tmp_path: Path) -> None:
     client = Client()
     with pytest.raises(CarlaBridgeError, match=r"up to 0\.1"):
@@ -339,3 +333,9 @@ def test_without_the_extra_the_command_says_what_to_install(tmp_path: Path, monk
         1,
         "headsup simulate carla: the carla package is not installed; run pip install 'headsup[carla]'",
     )
+
+
+def test_lidars_of_different_ticks_have_no_common_one(tmp_path: Path) -> None:
+    slow = {**LIDAR, "role_name": "slow", "sensor_tick": 0.1}
+    with pytest.raises(CarlaBridgeError, match="different rates"):
+        record(Client(), plan(rig=rig(LIDAR, slow)), tmp_path / "run")

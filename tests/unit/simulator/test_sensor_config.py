@@ -153,3 +153,25 @@ def test_an_absent_file_and_an_unknown_rig_are_clear_errors(tmp_path: Path) -> N
         load_sensors(tmp_path / "none.json")
     with pytest.raises(SensorConfigError, match="paper, hdl64, hdl32"):
         sensor_rig("vlp999")
+
+
+@pytest.mark.parametrize(
+    ("sensors", "said"),
+    [
+        ([], "there is no sensor"),
+        ([{"type": "sensor.camera.rgb", "role_name": "a", "image_size_x": 1_000_000}], "image_size_x"),
+        ([{"type": "sensor.lidar.ray_cast", "role_name": "a", "channels": 100_000}], "channels"),
+        ([{"type": "sensor.lidar.ray_cast", "role_name": "a", "transform": [{"z": 1e308}]}], "transform"),
+        ([{"type": "sensor.lidar.ray_cast", "role_name": "../../a"}], "role_name"),
+        (
+            [
+                {"type": "sensor.lidar.ray_cast", "role_name": "a", "rotation_frequency": 10},
+                {"type": "sensor.lidar.ray_cast", "role_name": "b", "rotation_frequency": 20},
+            ],
+            "the same rotation_frequency",
+        ),
+    ],
+)
+def test_a_rig_that_would_record_nothing_or_too_much_is_refused(sensors: list[dict[str, object]], said: str) -> None:
+    with pytest.raises(SensorConfigError, match=said):
+        read_sensors({"sensors": sensors})
