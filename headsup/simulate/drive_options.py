@@ -147,6 +147,6 @@ def with_drive_options(command: Callable[..., None]) -> Callable[..., None]:
         *(parameter.replace(kind=inspect.Parameter.KEYWORD_ONLY) for parameter in own if parameter.name != "options"),
         *shared,
     ]
-    taking_all.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
+    taking_all.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]  # what typer reads
     taking_all.__annotations__ = {parameter.name: parameter.annotation for parameter in parameters}
     return taking_all

@@ -68,7 +68,7 @@ def _put_decimal(line: Any, end: int, ticks: int, negative: bool) -> int:
     magnitude = abs(ticks)
     end = _put_whole(line, end, magnitude // 10**DECIMALS, 1)
     line[end - 1] = ord(".")
-    return _put_whole(line, end, magnitude % 10**DECIMALS, DECIMALS)  # type: ignore[no-any-return]
+    return _put_whole(line, end, magnitude % 10**DECIMALS, DECIMALS)  # type: ignore[no-any-return]  # numba has no types
 
 
 @njit(cache=True, nogil=True)
