@@ -14,7 +14,7 @@ from detector.saliency import SALIENT, saliency_map
 from detector.segmentation import segment
 from detector.surface import MARGIN_M, fit_surface
 from detector.sweep import estimate_sensor_height, usable_points
-from detector.types import DetectorInput, FloatArray, FrameDetection, IntArray
+from detector.types import DetectorError, DetectorInput, Findings, FloatArray, FrameDetection, IntArray
 
 __all__ = ["Method", "detect", "estimate_sensor_height"]
 
@@ -40,45 +40,52 @@ def detect(sweep: DetectorInput, method: Method = "surface") -> FrameDetection:
     not finite are unclassified. Raises DetectorError for input that cannot be a sweep in metres.
     """
     points, usable = usable_points(sweep)
-    corridor = _corridor(points, sweep)
-    strip = _strip(points, corridor, sweep)
+    if sweep.sensor_height_m is None:
+        raise DetectorError("state sensor_height_m, the sensor's height over the road")
+    findings = _on_road(points, sweep, sweep.sensor_height_m, method)
+    total = len(sweep.points_m)
+    return FrameDetection(
+        labels=_scatter(findings.labels, usable, np.zeros(total, dtype=np.uint8)),
+        saliency=_scatter(findings.saliency, usable, np.zeros(total, dtype=np.float32)),
+        residual_m=_scatter(findings.residual_m, usable, np.full(total, np.nan, dtype=np.float32)),
+        obstacles=findings.obstacles,
+    )
+
+
+def _on_road(points: FloatArray, sweep: DetectorInput, sensor_height_m: float, method: Method) -> Findings:
+    """What a sweep from a vehicle shows: usable points (M, 3), one viewpoint, a road that steering points along."""
+    corridor = _corridor(points, sweep.curvature_per_m, sensor_height_m)
+    strip = _strip(points, corridor, sensor_height_m)
     saliency = saliency_map(points) if method == "saliency" else _deviation_saliency(strip, len(points))
     candidates = strip.in_corridor & (saliency[strip.indices] > (SALIENT if method == "saliency" else 0.0))
     clusters = find_clusters(strip.deviations, candidates, corridor)
-    height = points[:, 2] + sweep.sensor_height_m
-    labels = _labels(strip, candidates, clusters, height)
+    labels = _labels(strip, candidates, clusters, points[:, 2] + sensor_height_m)
     obstacles = tuple(
         recognise(points[strip.indices], strip.deviations.residual_m, strip.deviations.noise_m, c) for c in clusters
     )
-    total = len(sweep.points_m)
     residual = np.full(len(points), np.nan)
     residual[strip.indices] = strip.deviations.residual_m
-    return FrameDetection(
-        labels=_scatter(labels, usable, np.zeros(total, dtype=np.uint8)),
-        saliency=_scatter(saliency, usable, np.zeros(total, dtype=np.float32)),
-        residual_m=_scatter(residual, usable, np.full(total, np.nan, dtype=np.float32)),
-        obstacles=obstacles,
-    )
+    return Findings(labels, saliency, residual, obstacles)
 
 
-def _corridor(points: FloatArray, sweep: DetectorInput) -> Corridor:
-    along, across = road_coordinates(points, sweep.curvature_per_m)
-    height = points[:, 2] + sweep.sensor_height_m
+def _corridor(points: FloatArray, curvature_per_m: float, sensor_height_m: float) -> Corridor:
+    along, across = road_coordinates(points, curvature_per_m)
+    height = points[:, 2] + sensor_height_m
     near_ground = (height > EDGE_BAND_M[0]) & (height < EDGE_BAND_M[1])
-    return find_corridor(along[near_ground], across[near_ground], height[near_ground], sweep.curvature_per_m)
+    return find_corridor(along[near_ground], across[near_ground], height[near_ground], curvature_per_m)
 
 
-def _strip(points: FloatArray, corridor: Corridor, sweep: DetectorInput) -> Strip:
-    along, across = road_coordinates(points, sweep.curvature_per_m)
+def _strip(points: FloatArray, corridor: Corridor, sensor_height_m: float) -> Strip:
+    along, across = road_coordinates(points, corridor.curvature_per_m)
     indices = np.flatnonzero(corridor.contains(along, across, MARGIN_M))
     along, across, z = along[indices], across[indices], points[indices, 2]
-    surface = fit_surface(along, across, z, corridor, sweep.sensor_height_m)
+    surface = fit_surface(along, across, z, corridor, sensor_height_m)
     if surface is None:
         indices, along, across, z = indices[:0], along[:0], across[:0], z[:0]
     range_m = np.hypot(along, across)
     residual = z - surface.height_m(along, across) if surface else z
     noise = surface.noise_at(range_m) if surface else z
-    deviations = Deviations(along, across, range_m, residual, noise, sweep.sensor_height_m)
+    deviations = Deviations(along, across, range_m, residual, noise, sensor_height_m)
     return Strip(indices, deviations, corridor.contains(along, across))
 
 

@@ -28,7 +28,7 @@ def usable_points(sweep: DetectorInput) -> tuple[FloatArray, IntArray]:
     Raises DetectorError for arrays that are not (N, 3), for a height that is not positive, and for coordinates that
     cannot be metres.
     """
-    if not (np.isfinite(sweep.sensor_height_m) and sweep.sensor_height_m > 0.0):
+    if sweep.sensor_height_m is not None and not (np.isfinite(sweep.sensor_height_m) and sweep.sensor_height_m > 0.0):
         raise DetectorError(f"sensor_height_m is {sweep.sensor_height_m}: give the sensor's height over the road, > 0")
     if not np.isfinite(sweep.curvature_per_m):
         raise DetectorError("curvature_per_m is not finite: give 0 where the steering is unknown")

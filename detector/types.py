@@ -53,12 +53,13 @@ class DetectorInput:
     """One sweep and what the vehicle knows about itself.
 
     `points_m` is (N, 3) float32 in the `sensor` frame (x forward, y left, z up). `sensor_height_m` is the sensor's
-    height over the road; `curvature_per_m` that of the path ahead from steering, positive to the left.
+    height over the road, or None for a survey: a patch of road without one viewpoint (a surface scan, a depth map),
+    whose points cover it densely. `curvature_per_m` is that of the path ahead from steering, positive to the left.
     `odom_from_sensor` is a (4, 4) rigid transform, needed to accumulate sweeps, not to detect in one.
     """
 
     points_m: Float32Array
-    sensor_height_m: float
+    sensor_height_m: float | None
     curvature_per_m: float = 0.0
     odom_from_sensor: FloatArray | None = None
 
@@ -102,6 +103,17 @@ class DetectedObstacle:
     centre_covariance_m2: FloatArray
     descriptor: ShapeDescriptor
     points_m: Float32Array
+
+
+@dataclass(frozen=True, slots=True)
+class Findings:
+    """What a method says of the usable points (M, 3): classes (M,) uint8 (`PointClass`), saliency (M,) in [0, 1],
+    residual (M,) to the road surface in metres (NaN where there is none), and obstacles in the points' frame."""
+
+    labels: LabelArray
+    saliency: FloatArray
+    residual_m: FloatArray
+    obstacles: tuple[DetectedObstacle, ...]
 
 
 @dataclass(frozen=True, slots=True)

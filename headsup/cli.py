@@ -6,10 +6,11 @@ import typer
 
 from headsup.demo.command import demo
 from headsup.detect_command import detect_files
+from headsup.evaluate.app import evaluate_app
 from headsup.server_commands import db_app, keys_app, serve
 from headsup.simulate.app import simulate_app
 
-OUR_PACKAGES = ("contract", "detector", "vehicle_client", "server", "simulator", "headsup", "migrations")
+OUR_PACKAGES = ("contract", "detector", "vehicle_client", "server", "simulator", "evaluation", "headsup", "migrations")
 
 app = typer.Typer(
     help="A car that sees a pothole warns every car behind it.",
@@ -21,6 +22,7 @@ app.command("demo")(demo)
 app.command("detect")(detect_files)
 app.command("serve")(serve)
 app.add_typer(simulate_app, name="simulate")
+app.add_typer(evaluate_app, name="evaluate")
 app.add_typer(keys_app, name="keys")
 app.add_typer(db_app, name="db")
 

@@ -1,0 +1,16 @@
+"""The group of commands."""
+
+from __future__ import annotations
+
+import typer
+
+evaluate_app = typer.Typer(
+    help="Make the figures of the tables anew: from real data, and from the simulator's truth.",
+    no_args_is_help=True,
+    rich_markup_mode=None,
+)
+
+
+@evaluate_app.callback()
+def evaluate() -> None:
+    """Make the figures of the tables anew: from real data, and from the simulator's truth."""
