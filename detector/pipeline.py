@@ -7,21 +7,28 @@ from typing import Literal
 
 import numpy as np
 
-from detector.clusters import MAX_POINT_SD, Cluster, Deviations, find_clusters
-from detector.corridor import Corridor, find_corridor, road_coordinates
+from detector.clusters import MAX_POINT_SD, Cluster, Deviations
+from detector.corridor import Corridor, find_corridor
+from detector.ground import GroundPoints, near_ground, profile_height
 from detector.recognition import recognise
 from detector.saliency import SALIENT, saliency_map
 from detector.segmentation import segment
 from detector.surface import MARGIN_M, fit_surface
+from detector.survey import on_survey
 from detector.sweep import estimate_sensor_height, usable_points
-from detector.types import DetectorError, DetectorInput, Findings, FloatArray, FrameDetection, IntArray
+from detector.types import (
+    DetectorInput,
+    Findings,
+    FloatArray,
+    FrameDetection,
+    IntArray,
+    LabelArray,
+)
+from detector.verification import find_clusters
 
 __all__ = ["Method", "detect", "estimate_sensor_height"]
 
 Method = Literal["surface", "saliency"]
-
-# Kerbs and the ground beside the road, for the search of edges.
-EDGE_BAND_M = (-0.6, 1.0)
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,8 +48,9 @@ def detect(sweep: DetectorInput, method: Method = "surface") -> FrameDetection:
     """
     points, usable = usable_points(sweep)
     if sweep.sensor_height_m is None:
-        raise DetectorError("state sensor_height_m, the sensor's height over the road")
-    findings = _on_road(points, sweep, sweep.sensor_height_m, method)
+        findings = on_survey(points, method)
+    else:
+        findings = _on_road(points, sweep, sweep.sensor_height_m, method)
     total = len(sweep.points_m)
     return FrameDetection(
         labels=_scatter(findings.labels, usable, np.zeros(total, dtype=np.uint8)),
@@ -54,39 +62,33 @@ def detect(sweep: DetectorInput, method: Method = "surface") -> FrameDetection:
 
 def _on_road(points: FloatArray, sweep: DetectorInput, sensor_height_m: float, method: Method) -> Findings:
     """What a sweep from a vehicle shows: usable points (M, 3), one viewpoint, a road that steering points along."""
-    corridor = _corridor(points, sweep.curvature_per_m, sensor_height_m)
-    strip = _strip(points, corridor, sensor_height_m)
+    ground = near_ground(points, sensor_height_m, sweep.curvature_per_m)
+    corridor = find_corridor(ground, sweep.curvature_per_m)
+    strip = _strip(ground, corridor, sensor_height_m)
     saliency = saliency_map(points) if method == "saliency" else _deviation_saliency(strip, len(points))
     candidates = strip.in_corridor & (saliency[strip.indices] > (SALIENT if method == "saliency" else 0.0))
     clusters = find_clusters(strip.deviations, candidates, corridor)
-    labels = _labels(strip, candidates, clusters, points[:, 2] + sensor_height_m)
+    height = points[:, 2] + sensor_height_m - profile_height(points[:, 0], ground.profile)
     obstacles = tuple(
         recognise(points[strip.indices], strip.deviations.residual_m, strip.deviations.noise_m, c) for c in clusters
     )
     residual = np.full(len(points), np.nan)
     residual[strip.indices] = strip.deviations.residual_m
-    return Findings(labels, saliency, residual, obstacles)
+    return Findings(_labels(strip, candidates, clusters, height), saliency, residual, obstacles)
 
 
-def _corridor(points: FloatArray, curvature_per_m: float, sensor_height_m: float) -> Corridor:
-    along, across = road_coordinates(points, curvature_per_m)
-    height = points[:, 2] + sensor_height_m
-    near_ground = (height > EDGE_BAND_M[0]) & (height < EDGE_BAND_M[1])
-    return find_corridor(along[near_ground], across[near_ground], height[near_ground], curvature_per_m)
-
-
-def _strip(points: FloatArray, corridor: Corridor, sensor_height_m: float) -> Strip:
-    along, across = road_coordinates(points, corridor.curvature_per_m)
-    indices = np.flatnonzero(corridor.contains(along, across, MARGIN_M))
-    along, across, z = along[indices], across[indices], points[indices, 2]
-    surface = fit_surface(along, across, z, corridor, sensor_height_m)
+def _strip(ground: GroundPoints, corridor: Corridor, sensor_height_m: float) -> Strip:
+    across = ground.across_m - corridor.offset_m(ground.along_m)
+    chosen = np.flatnonzero(corridor.contains(ground.along_m, across, MARGIN_M))
+    along, across, height = ground.along_m[chosen], across[chosen], ground.height_m[chosen]
+    surface = fit_surface(along, across, height, corridor)
     if surface is None:
-        indices, along, across, z = indices[:0], along[:0], across[:0], z[:0]
+        chosen, along, across, height = chosen[:0], along[:0], across[:0], height[:0]
     range_m = np.hypot(along, across)
-    residual = z - surface.height_m(along, across) if surface else z
-    noise = surface.noise_at(range_m) if surface else z
+    residual = height - surface.height_m(along, across) if surface else height
+    noise = surface.noise_at(range_m) if surface else height
     deviations = Deviations(along, across, range_m, residual, noise, sensor_height_m)
-    return Strip(indices, deviations, corridor.contains(along, across))
+    return Strip(ground.index[chosen], deviations, corridor.contains(along, across))
 
 
 def _deviation_saliency(strip: Strip, count: int) -> FloatArray:
@@ -97,14 +99,15 @@ def _deviation_saliency(strip: Strip, count: int) -> FloatArray:
     return saliency
 
 
-def _labels(strip: Strip, candidates: np.ndarray, clusters: list[Cluster], height: FloatArray) -> np.ndarray:
-    below, above, in_corridor, on_obstacle = (np.zeros(height.size, dtype=bool) for _ in range(4))
-    in_corridor[strip.indices] = strip.in_corridor
-    below[strip.indices] = candidates & strip.deviations.below
-    above[strip.indices] = candidates & strip.deviations.above
-    for cluster in clusters:
-        on_obstacle[strip.indices[cluster.indices]] = True
-    return segment(in_corridor, height, below, above, on_obstacle)
+def _labels(strip: Strip, candidates: np.ndarray, clusters: list[Cluster], height_m: FloatArray) -> LabelArray:
+    found = [strip.indices[cluster.indices] for cluster in clusters]
+    return segment(
+        height_m,
+        strip.indices[strip.in_corridor],
+        strip.indices[candidates & strip.deviations.below],
+        strip.indices[candidates & strip.deviations.above],
+        np.concatenate(found) if found else strip.indices[:0],
+    )
 
 
 def _scatter(values: np.ndarray, indices: IntArray, full: np.ndarray) -> np.ndarray:

@@ -13,6 +13,8 @@ MAX_RANGE_M = 500.0
 MAX_MEDIAN_RANGE_M = 150.0
 # Points nearer than this belong to the car itself.
 MIN_RANGE_M = 1.5
+# A dense patch of road without a viewpoint is never longer; an 80 mm scan in millimetres would be.
+MAX_SURVEY_EXTENT_M = 50.0
 
 # Ring of ground around the car in which its plane is searched.
 GROUND_RANGE_M = (3.0, 15.0)
@@ -33,6 +35,8 @@ def usable_points(sweep: DetectorInput) -> tuple[FloatArray, IntArray]:
     if not np.isfinite(sweep.curvature_per_m):
         raise DetectorError("curvature_per_m is not finite: give 0 where the steering is unknown")
     points = _finite_points(sweep.points_m)
+    if sweep.sensor_height_m is None:
+        return _usable_of_survey(points)
     range_m = np.hypot(points[:, 0], points[:, 1])
     usable = np.isfinite(range_m) & np.isfinite(points[:, 2])
     median = float(np.median(range_m[usable])) if usable.any() else 0.0
@@ -43,6 +47,21 @@ def usable_points(sweep: DetectorInput) -> tuple[FloatArray, IntArray]:
         )
     indices = np.flatnonzero(usable & (range_m > MIN_RANGE_M) & (range_m < MAX_RANGE_M))
     return points[indices], indices
+
+
+def _usable_of_survey(points: FloatArray) -> tuple[FloatArray, IntArray]:
+    indices = np.flatnonzero(np.isfinite(points).all(axis=1))
+    points = points[indices]
+    if indices.size == 0:
+        return points, indices
+    low, high = np.percentile(points, (1.0, 99.0), axis=0)
+    extent = float((high - low).max())
+    if extent > MAX_SURVEY_EXTENT_M:
+        raise DetectorError(
+            f"the points of the survey extend over {extent:.0f} m: are they in millimetres? Metres are expected; for a "
+            "LiDAR sweep state sensor_height_m"
+        )
+    return points, indices
 
 
 def _finite_points(points_m: Float32Array) -> FloatArray:

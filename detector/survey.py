@@ -1,0 +1,74 @@
+"""The detector on a survey, one line a step: a dense patch of road without one viewpoint."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+import numpy as np
+
+from detector.survey_holes import find_holes
+from detector.survey_obstacle import describe_obstacle
+from detector.survey_road import LevelFrame, Relief, level, relief
+from detector.survey_saliency import salient_points
+from detector.survey_support import below_road
+from detector.survey_volume import volume_below
+from detector.types import DetectedObstacle, Findings, FloatArray, LabelArray, PointClass
+
+# Fewer points are no surface.
+MIN_POINTS = 50
+# Deviations count up to this many standard deviations towards the saliency.
+MAX_POINT_SD = 8.0
+
+
+def on_survey(points_m: FloatArray, method: Literal["surface", "saliency"]) -> Findings:
+    """Classes, saliency, residual and obstacles of a dense cloud (M, 3) in metres, z up.
+
+    The road is the level that most points lie near. `surface` judges the depth below it against the noise and the
+    road's own waves; `saliency` is the paper's method on the same points.
+    """
+    measured = None
+    if len(points_m) >= MIN_POINTS:
+        frame = level(points_m)
+        measured = relief(frame.to_level(points_m))
+    if measured is None:
+        nothing = np.zeros(len(points_m))
+        return Findings(nothing.astype(np.uint8), nothing, np.full(len(points_m), np.nan), ())
+    if method == "saliency":
+        return _by_saliency(points_m, frame, measured)
+    return _by_surface(frame, measured)
+
+
+def _by_surface(frame: LevelFrame, measured: Relief) -> Findings:
+    labels = np.full(len(measured.depth_m), PointClass.SAFE_ROAD, dtype=np.uint8)
+    obstacles = []
+    for side, flagged in ((measured.upside_down(), PointClass.POSITIVE), (measured, PointClass.NEGATIVE)):
+        obstacles += _one_side(frame, side, labels, flagged)
+    sd = np.hypot(measured.noise_m, measured.wave_m)
+    saliency = np.minimum(np.abs(measured.depth_m) / (MAX_POINT_SD * sd), 1.0)
+    return Findings(labels, saliency, -measured.depth_m, tuple(obstacles))
+
+
+def _one_side(frame: LevelFrame, side: Relief, labels: LabelArray, flagged: PointClass) -> list[DetectedObstacle]:
+    """Obstacles below (or, upside down, above) the road; writes the classes of their points."""
+    holes = find_holes(side)
+    if not holes:
+        return []
+    inside = np.zeros(side.grid.shape, dtype=np.int64)
+    for number, hole in enumerate(holes, start=1):
+        inside[hole.outline.extent][hole.outline.mask] = number
+    support = below_road(side, inside > 0)
+    labels[support] = flagged
+    number_of_point = inside.ravel()[side.cells]
+    labels[number_of_point > 0] = PointClass.OBSTACLE
+    volumes = volume_below(side, inside, support)
+    return [
+        describe_obstacle(side, hole, number_of_point == n, volumes[n], frame, flagged is PointClass.NEGATIVE)
+        for n, hole in enumerate(holes, start=1)
+    ]
+
+
+def _by_saliency(points_m: FloatArray, frame: LevelFrame, measured: Relief) -> Findings:
+    saliency, salient = salient_points(points_m)
+    labels = np.full(len(points_m), PointClass.SAFE_ROAD, dtype=np.uint8)
+    labels[salient] = PointClass.NEGATIVE
+    return Findings(labels, saliency, -measured.depth_m, ())
