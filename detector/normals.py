@@ -3,92 +3,110 @@
 from __future__ import annotations
 
 import math
+from typing import TypeVar
 
 import numpy as np
 from numba import njit
+from numpy.typing import NDArray
 
-from detector.types import FloatArray, IntArray
+from detector.threads import in_chunks
+from detector.types import FloatArray
+
+# Coordinates in float32 or float64, rows in any integer.
+Points = TypeVar("Points", NDArray[np.float32], NDArray[np.float64])
+Neighbours = NDArray[np.signedinteger]
 
 # Where a face stands upright, z alone does not orient its normal; y and then x decide with these weights.
-UP = np.array([1e-3, 2e-3, 1.0])
+UP = (1e-3, 2e-3, 1.0)
 # A sliver's normal is noise: faces with less than this sine between their edges are left out.
 MIN_FACE_SINE = 1e-6
+# Newton's steps double the digits; half of them are spent where two eigenvalues are equal.
+MAX_NEWTON_STEPS = 30
 
 
-def pca_normals(points_m: FloatArray, neighbours: IntArray) -> FloatArray:
-    """Unit normals (N, 3), oriented to +z, of the least-squares planes through each point's neighbourhood (N, K)."""
-    return np.asarray(_orient(_pca(points_m, neighbours)))
+def pca_normals(points_m: Points, neighbours: Neighbours) -> Points:
+    """Unit normals (N, 3), oriented to +z, of the least-squares planes through each point's neighbourhood (N, K).
+
+    They have the points' precision: float32 suffices where coordinates are about the cloud's centre.
+    """
+    normals = np.empty_like(points_m)
+    in_chunks(lambda start, stop: _pca(points_m, neighbours, start, stop, normals), len(neighbours), len(neighbours))
+    return normals
 
 
-def face_normals(points_m: FloatArray, neighbours: IntArray) -> FloatArray:
+def face_normals(points_m: Points, neighbours: Neighbours) -> Points:
     """Unit normals (N, 3), oriented to +z, as the mean of the normals of the faces around each point (Eqs. 1 and 2).
 
     A cloud has no faces; they are a fan of triangles of the point with each two consecutive neighbours (N, K), in the
     order of their angle about the point in its PCA plane. Eq. 1: n_f = (v2 - v1) x (v3 - v1) / |...|; Eq. 2: the mean
     of n_f over the faces of the neighbourhood, scaled to unit length.
     """
-    return np.asarray(_orient(_fan(points_m, neighbours, _pca(points_m, neighbours))))
-
-
-def _orient(normals: FloatArray) -> FloatArray:
-    return normals * np.where(normals @ UP < 0.0, -1.0, 1.0)[:, None]
-
-
-@njit(cache=True, nogil=True)
-def _smallest_eigenvector(a: float, b: float, c: float, d: float, e: float, f: float) -> tuple[float, float, float]:
-    """Eigenvector of the smallest eigenvalue of [[a, d, e], [d, b, f], [e, f, c]] in closed form (Smith, 1961)."""
-    mean = (a + b + c) / 3.0
-    p = math.sqrt(((a - mean) ** 2 + (b - mean) ** 2 + (c - mean) ** 2 + 2.0 * (d * d + e * e + f * f)) / 6.0)
-    if p < 1e-15:
-        return 0.0, 0.0, 1.0
-    x, y, z = (a - mean) / p, (b - mean) / p, (c - mean) / p
-    u, v, w = d / p, e / p, f / p
-    half = 0.5 * (x * (y * z - w * w) - u * (u * z - w * v) + v * (u * w - y * v))
-    angle = math.acos(min(1.0, max(-1.0, half))) / 3.0
-    smallest = mean + 2.0 * p * math.cos(angle + 2.0 * math.pi / 3.0)
-    a, b, c = a - smallest, b - smallest, c - smallest
-    best = (0.0, 0.0, 0.0)
-    length = 0.0
-    # The cross product of two independent rows of A - lambda I is orthogonal to both: the longest of three is taken.
-    for r in ((d * f - e * b, e * d - a * f, a * b - d * d), (d * c - e * f, e * e - a * c, a * f - e * d),
-              (b * c - f * f, f * e - d * c, d * f - b * e)):  # fmt: skip
-        square = r[0] * r[0] + r[1] * r[1] + r[2] * r[2]
-        if square > length:
-            length, best = square, r
-    if length < 1e-30:
-        return 0.0, 0.0, 1.0
-    scale = 1.0 / math.sqrt(length)
-    return best[0] * scale, best[1] * scale, best[2] * scale
+    normals = _fan(points_m.astype(np.float64), neighbours, pca_normals(points_m, neighbours).astype(np.float64))
+    downward = normals @ np.array(UP) < 0.0
+    normals[downward] *= -1.0
+    return np.asarray(normals, dtype=points_m.dtype)
 
 
 @njit(cache=True, nogil=True)
-def _pca(points: FloatArray, neighbours: IntArray) -> FloatArray:
-    normals = np.empty((neighbours.shape[0], 3))
+def _pca(points: Points, neighbours: Neighbours, start: int, stop: int, normals: Points) -> None:
     k = neighbours.shape[1]
-    for i in range(neighbours.shape[0]):
-        mx = my = mz = 0.0
+    for i in range(start, stop):
+        # About the point itself, so that squares of coordinates do not swallow the neighbourhood's.
+        sx = sy = sz = xx = yy = zz = xy = xz = yz = 0.0
         for j in range(k):
             p = neighbours[i, j]
-            mx += points[p, 0]
-            my += points[p, 1]
-            mz += points[p, 2]
-        mx, my, mz = mx / k, my / k, mz / k
-        xx = yy = zz = xy = xz = yz = 0.0
-        for j in range(k):
-            p = neighbours[i, j]
-            x, y, z = points[p, 0] - mx, points[p, 1] - my, points[p, 2] - mz
-            xx += x * x
-            yy += y * y
-            zz += z * z
-            xy += x * y
-            xz += x * z
-            yz += y * z
-        normals[i] = _smallest_eigenvector(xx, yy, zz, xy, xz, yz)
-    return normals
+            x, y, z = (
+                float(points[p, 0]) - float(points[i, 0]),
+                float(points[p, 1]) - float(points[i, 1]),
+                float(points[p, 2]) - float(points[i, 2]),
+            )
+            sx, sy, sz = sx + x, sy + y, sz + z
+            xx, yy, zz = xx + x * x, yy + y * y, zz + z * z
+            xy, xz, yz = xy + x * y, xz + x * z, yz + y * z
+        normals[i] = _flattest_direction(
+            xx - sx * sx / k, yy - sy * sy / k, zz - sz * sz / k, xy - sx * sy / k, xz - sx * sz / k, yz - sy * sz / k
+        )
 
 
 @njit(cache=True, nogil=True)
-def _fan(points: FloatArray, neighbours: IntArray, plane_normals: FloatArray) -> FloatArray:
+def _flattest_direction(a: float, b: float, c: float, d: float, e: float, f: float) -> tuple[float, float, float]:
+    """Unit eigenvector, oriented to +z, of the least eigenvalue of the scatter [[a, d, e], [d, b, f], [e, f, c]].
+
+    Scaled to a trace of 1 its characteristic polynomial t^3 - t^2 + q t - r has three roots in [0, 1], and Newton's
+    method from 0 climbs to the least.
+    """
+    trace = a + b + c
+    if not trace > 0.0:
+        return 0.0, 0.0, 1.0
+    unit = 1.0 / trace
+    a, b, c, d, e, f = a * unit, b * unit, c * unit, d * unit, e * unit, f * unit
+    q = a * b + a * c + b * c - d * d - e * e - f * f
+    r = a * (b * c - f * f) - d * (d * c - e * f) + e * (d * f - b * e)
+    root = 0.0
+    for _ in range(MAX_NEWTON_STEPS):
+        slope = (3.0 * root - 2.0) * root + q
+        step = (r - ((root - 1.0) * root + q) * root) / slope if slope > 0.0 else 0.0
+        root += step
+        if step <= 1e-10 * root:
+            break
+    a, b, c = a - root, b - root, c - root
+    # The cross product of two independent rows of A - root I is orthogonal to both: the longest of three is taken.
+    x, y, z = d * f - e * b, e * d - a * f, a * b - d * d
+    length = x * x + y * y + z * z
+    u, v, w = d * c - e * f, e * e - a * c, a * f - e * d
+    if u * u + v * v + w * w > length:
+        x, y, z, length = u, v, w, u * u + v * v + w * w
+    u, v, w = b * c - f * f, f * e - d * c, d * f - b * e
+    if u * u + v * v + w * w > length:
+        x, y, z, length = u, v, w, u * u + v * v + w * w
+    if length < 1e-24:
+        return 0.0, 0.0, 1.0
+    scale = (1.0 if UP[0] * x + UP[1] * y + UP[2] * z >= 0.0 else -1.0) / math.sqrt(length)
+    return x * scale, y * scale, z * scale
+
+
+@njit(cache=True, nogil=True)
+def _fan(points: FloatArray, neighbours: Neighbours, plane_normals: FloatArray) -> FloatArray:
     normals = plane_normals.copy()
     k = neighbours.shape[1]
     angles = np.empty(k)

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-import numpy as np
-from scipy.spatial import cKDTree
+import math
 
+import numpy as np
+
+from detector.neighbours import find_neighbourhoods
 from detector.normals import face_normals, pca_normals
-from detector.rpca import decompose, default_lambda
-from detector.spectral import inverse_frobenius
-from detector.types import FloatArray
+from detector.rpca import decompose, default_lambda, soft_threshold
+from detector.spectral import inverse_frobenius_and_sum
+from detector.types import Float32Array, FloatArray
 
 # Neighbours of a point (k).
 NEIGHBOURS = 30
@@ -16,49 +18,58 @@ NEIGHBOURS = 30
 WEIGHTS = (0.5, 0.5)
 # The authors' published rule: salient above 10 of 64 colours.
 SALIENT = 10.0 / 64.0
+# Sums over a neighbourhood differ by some units in the last place where all normals are equal.
+EQUAL_ROUNDINGS = 100.0
 
 
 def saliency_map(points_m: FloatArray, neighbours: int = NEIGHBOURS, *, from_faces: bool = False) -> FloatArray:
     """Saliency (N,) in [0, 1] of points (N, 3): weighted mean of the two saliencies, each scaled over the cloud.
 
-    `from_faces` takes the mean of face normals (Eqs. 1 and 2) instead of the PCA's.
+    `from_faces` takes the mean of face normals (Eqs. 1 and 2) instead of the PCA's. The geometric part is that of
+    `swift_geometric_saliency`; to tell zero from more take `geometric_saliency`. Raises DetectorError for coordinates
+    that are not finite.
     """
     if len(points_m) <= neighbours:
         return np.zeros(len(points_m))
-    _, nearest = cKDTree(points_m).query(points_m, k=neighbours + 1)
-    nearest = _self_first(np.asarray(nearest, dtype=np.int64))
-    normals = face_normals(points_m, nearest[:, 1:]) if from_faces else pca_normals(points_m, nearest)
-    around = normals[nearest]
-    return WEIGHTS[0] * scale_to_unit(geometric_saliency(around)) + WEIGHTS[1] * scale_to_unit(
-        inverse_frobenius(around)
-    )
+    cloud = find_neighbourhoods(points_m, neighbours + 1)
+    normals = face_normals(cloud.points, cloud.nearest) if from_faces else pca_normals(cloud.points, cloud.nearest)
+    spectral, total = inverse_frobenius_and_sum(normals, cloud.nearest)
+    geometric = swift_geometric_saliency(normals, total, neighbours + 1)
+    saliency = np.empty(len(points_m))
+    saliency[cloud.order] = WEIGHTS[0] * scale_to_unit(geometric) + WEIGHTS[1] * scale_to_unit(spectral)
+    return saliency
 
 
-def geometric_saliency(around: FloatArray) -> FloatArray:
+def geometric_saliency(around: FloatArray | Float32Array) -> FloatArray:
     """s1 (N,): norm of the first three values of each row of S, those of the point's own normal.
 
-    `around` (N, k + 1, 3) are the normals of each point and its neighbours; a row of E is one neighbourhood.
+    `around` (N, k + 1, 3) are the normals of each point, its own first, and its neighbours; a row of E is one
+    neighbourhood.
     """
     E = around.reshape(len(around), -1).astype(np.float32)
     _, S = decompose(E, default_lambda(len(E)))
     return np.asarray(np.linalg.norm(S[:, :3].astype(np.float64), axis=1))
 
 
-def scale_to_unit(values: FloatArray) -> FloatArray:
+def swift_geometric_saliency(normals: Float32Array, total: Float32Array, count: int) -> Float32Array:
+    """`geometric_saliency` (N,) in one pass: unit normals (N, 3) and their sums (N, 3) over `count` points each.
+
+    The threshold lambda is small, so after its first step E - S is L but for entries no greater than lambda, and the
+    scheme stays there: L is the best approximation of E of rank one, to within lambda. Its right singular vector
+    weighs all neighbours alike, as they come in no order; then a row of E counts only by the point's own normal and the
+    sum of the others, and the 3 (k + 1) columns are six.
+    """
+    others = (total - normals) / np.float32(math.sqrt(count - 1))
+    reduced = np.concatenate([normals, others], axis=1)
+    _, vectors = np.linalg.eigh((reduced.T @ reduced).astype(np.float64))
+    leading = vectors[:, -1].astype(np.float32)
+    sparse = soft_threshold(normals - np.outer(reduced @ leading, leading[:3]), default_lambda(len(normals)))
+    return np.asarray(np.sqrt(np.einsum("ni,ni->n", sparse, sparse)))
+
+
+def scale_to_unit(values: FloatArray | Float32Array) -> FloatArray:
     """Values (N,) mapped linearly so that the least is 0 and the greatest 1; equal values (to rounding) become 0."""
-    low, span = values.min(), np.ptp(values)
-    if span <= 1e-9 * abs(low):
-        return np.zeros_like(values)
-    return np.asarray((values - low) / span)
-
-
-def _self_first(nearest: np.ndarray) -> np.ndarray:
-    """Column 0 the point itself also where points coincide and the tree returns a twin first."""
-    own = np.arange(len(nearest))
-    twin = nearest[:, 0] != own
-    rows, columns = np.nonzero(nearest[twin] == own[twin, None])
-    swapped = nearest[twin]
-    swapped[rows, columns] = swapped[rows, 0]
-    swapped[:, 0] = own[twin]
-    nearest[twin] = swapped
-    return nearest
+    low, span = float(values.min()), float(np.ptp(values))
+    if span <= EQUAL_ROUNDINGS * float(np.finfo(values.dtype).eps) * abs(low):
+        return np.zeros(len(values))
+    return np.asarray((values - low) / span, dtype=np.float64)

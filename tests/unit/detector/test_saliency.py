@@ -8,10 +8,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial import cKDTree
 
+from detector.neighbours import find_neighbourhoods
 from detector.normals import face_normals, pca_normals
 from detector.rpca import decompose, default_lambda, partial_svd, soft_threshold
-from detector.saliency import geometric_saliency, saliency_map, scale_to_unit
-from detector.spectral import absolute_scale, inverse_frobenius
+from detector.saliency import geometric_saliency, saliency_map, scale_to_unit, swift_geometric_saliency
+from detector.spectral import absolute_scale, inverse_frobenius, inverse_frobenius_and_sum
 
 
 def cube(steps: int = 21) -> np.ndarray:
@@ -153,3 +154,61 @@ def test_spectral_saliency_stays_with_the_points_when_they_are_turned_about_z_an
 def test_scaling_maps_to_zero_and_one_and_equal_values_to_zero() -> None:
     assert scale_to_unit(np.array([2.0, 3.0, 4.0])) == pytest.approx([0.0, 0.5, 1.0])
     assert scale_to_unit(np.full(5, 7.0)) == pytest.approx(0.0)
+
+
+def street(seed: int, count: int = 9000) -> np.ndarray:
+    """A rough road with a hole, a kerb and a wall: normals in several directions."""
+    rng = np.random.default_rng(seed)
+    x, y = rng.uniform(0, 12, count), rng.uniform(-4, 4, count)
+    z = np.where(np.hypot(x - 6, y) < 0.6, -0.1, 0.0) + np.where(y > 3, 0.12, 0.0) + rng.normal(0, 0.005, count)
+    along, up = rng.uniform(0, 12, count // 3), rng.uniform(0, 3, count // 3)
+    wall = np.column_stack([along, 4.0 + 0.2 * np.sin(3.0 * up) + rng.normal(0, 0.005, count // 3), up])
+    return np.vstack([np.column_stack([x, y, z]), wall])
+
+
+def test_the_map_is_that_of_the_whole_scheme_with_sorted_neighbours() -> None:
+    points = street(1)
+    near = neighbourhoods(points, 31)
+    around = pca_normals(points, near)[near]
+    whole = 0.5 * scale_to_unit(geometric_saliency(around)) + 0.5 * scale_to_unit(inverse_frobenius(around))
+    swift = saliency_map(points)
+    top = len(points) // 10
+    shared = np.intersect1d(np.argsort(whole)[-top:], np.argsort(swift)[-top:])
+    assert np.corrcoef(whole, swift)[0, 1] > 0.999
+    assert len(shared) > 0.98 * top
+
+
+def test_the_swift_geometric_saliency_stays_near_the_whole_schemes() -> None:
+    cloud = find_neighbourhoods(street(2), 31)
+    normals = pca_normals(cloud.points, cloud.nearest)
+    _, total = inverse_frobenius_and_sum(normals, cloud.nearest)
+    swift = swift_geometric_saliency(normals, total, 31)
+    own = np.arange(len(normals))
+    nearest = np.column_stack(
+        [own, np.where(cloud.nearest == own[:, None], cloud.nearest[:, :1], cloud.nearest)[:, 1:]]
+    )
+    assert np.corrcoef(swift, geometric_saliency(normals[nearest]))[0, 1] > 0.999
+
+
+def test_one_pass_gives_what_the_definition_of_the_spectral_saliency_gives() -> None:
+    normals = unit_normals(7, (400, 3)).astype(np.float32)
+    nearest = np.random.default_rng(8).integers(0, 400, (400, 31)).astype(np.int32)
+    inverse, total = inverse_frobenius_and_sum(normals, nearest)
+    assert inverse == pytest.approx(inverse_frobenius(normals[nearest].astype(np.float64)), rel=1e-5)
+    assert total == pytest.approx(normals[nearest].sum(axis=1), abs=1e-5)
+
+
+def test_the_map_of_a_cloud_has_the_same_bytes_each_time() -> None:
+    points = street(3)
+    assert saliency_map(points).tobytes() == saliency_map(points).tobytes()
+
+
+def test_a_sound_flat_road_has_no_salient_point() -> None:
+    x, y = np.meshgrid(np.arange(60) * 0.1, np.arange(60) * 0.1)
+    assert not saliency_map(np.column_stack([x.ravel(), y.ravel(), 0.02 * x.ravel()])).any()
+
+
+def test_the_map_does_not_depend_on_unit_or_origin() -> None:
+    points = street(4)
+    elsewhere = saliency_map(points * 1000.0 + np.array([4e5, -2e5, 1e5]))
+    assert elsewhere == pytest.approx(saliency_map(points), abs=0.02)

@@ -1,0 +1,114 @@
+"""A balanced kd-tree without pointers: points sorted so that each node is a stretch of them, and the nodes' boxes.
+
+Node j of level l, of 2^l, holds the points from n j / 2^l to n (j + 1) / 2^l; the root is level 0, the leaves are the
+last level. Whatever the density, outliers or points that coincide, the depth is the same.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from detector.types import Float32Array
+
+RowArray = NDArray[np.int32]
+
+ZERO = np.float32(0.0)
+
+
+@njit(cache=True, nogil=True)
+def sort_into_leaves(xyz: Float32Array, order: RowArray, level: int, depth: int, start: int, stop: int) -> None:
+    """Splits the nodes [start, stop) of a level at the median of their longest side, and so on down to `depth`.
+
+    Node j of level l holds the points from n j / 2^l to n (j + 1) / 2^l: the tree needs no pointers.
+    """
+    n = xyz.shape[1]
+    for below in range(level, depth):
+        for node in range(start << (below - level), stop << (below - level)):
+            low, high = (n * node) >> below, (n * (node + 1)) >> below
+            longest, axis = ZERO, 0
+            for k in range(3):
+                least, most = _extent(xyz[k], low, high)
+                if most - least > longest:
+                    longest, axis = most - least, k
+            if longest > ZERO:
+                middle = (n * (2 * node + 1)) >> (below + 1)
+                _split(xyz[axis], xyz[(axis + 1) % 3], xyz[(axis + 2) % 3], order, low, high, middle)
+
+
+@njit(cache=True, nogil=True)
+def _split(
+    keys: Float32Array, second: Float32Array, third: Float32Array, order: RowArray, low: int, high: int, middle: int
+) -> None:
+    """Quickselect: afterwards no key of [low, middle) is greater than one of [middle, high); the rest moves along."""
+    while high - low > 1:
+        pivot = _median_of_nine(keys, low, high)
+        border = _partition(keys, second, third, order, low, high, pivot, False)
+        if border == low:
+            # The pivot is the least: what equals it comes to the front instead.
+            border = _partition(keys, second, third, order, low, high, pivot, True)
+            if middle < border:
+                return
+        if middle < border:
+            high = border
+        else:
+            low = border
+
+
+@njit(cache=True, nogil=True)
+def _partition(
+    keys: Float32Array,
+    second: Float32Array,
+    third: Float32Array,
+    order: RowArray,
+    low: int,
+    high: int,
+    pivot: np.float32,
+    with_equal: bool,
+) -> int:
+    """Keys less than the pivot, or equal to it, to the front; where they end. Without branches to mispredict."""
+    border = low
+    for i in range(low, high):
+        key, a, b, index = keys[i], second[i], third[i], order[i]
+        keys[i], second[i], third[i], order[i] = keys[border], second[border], third[border], order[border]
+        keys[border], second[border], third[border], order[border] = key, a, b, index
+        border += (key < pivot) | (with_equal & (key == pivot))
+    return border
+
+
+@njit(cache=True, nogil=True)
+def _median_of_nine(keys: Float32Array, low: int, high: int) -> float:
+    sample = np.empty(9, np.float32)
+    for i in range(9):
+        key = keys[low + (high - low) * i // 9]
+        j = i
+        while j > 0 and sample[j - 1] > key:
+            sample[j] = sample[j - 1]
+            j -= 1
+        sample[j] = key
+    return float(sample[4])
+
+
+@njit(cache=True, nogil=True, fastmath=True)
+def _extent(values: Float32Array, low: int, high: int) -> tuple[np.float32, np.float32]:
+    least = most = values[low]
+    for i in range(low, high):
+        least, most = min(least, values[i]), max(most, values[i])
+    return least, most
+
+
+@njit(cache=True, nogil=True)
+def node_boxes(xyz: Float32Array, depth: int) -> Float32Array:
+    """Least and greatest coordinates (2^(depth + 1), 6) of all nodes: root 1, the children of k are 2k and 2k + 1."""
+    n, leaves = xyz.shape[1], 1 << depth
+    boxes = np.empty((2 * leaves, 6), np.float32)
+    for leaf in range(leaves):
+        low, high = (n * leaf) >> depth, (n * (leaf + 1)) >> depth
+        for k in range(3):
+            boxes[leaves + leaf, k], boxes[leaves + leaf, 3 + k] = _extent(xyz[k], low, high)
+    for node in range(leaves - 1, 0, -1):
+        for k in range(3):
+            boxes[node, k] = min(boxes[2 * node, k], boxes[2 * node + 1, k])
+            boxes[node, 3 + k] = max(boxes[2 * node, 3 + k], boxes[2 * node + 1, 3 + k])
+    return boxes
