@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import binary_dilation, binary_opening, label, maximum_position
 
 from detector.survey_grid import smooth
-from detector.survey_outline import Outline, contour_families, steepest
+from detector.survey_outline import Outline, contour_families, slope_of, steepest
 from detector.survey_road import FINE_CELLS, Relief
 from detector.types import FloatArray, IntArray
 
@@ -18,8 +18,12 @@ MaskArray = NDArray[np.bool_]
 # Seeds stand out from the road's waves by this many standard deviations, over at least so many cells.
 SEED_SD = 5.0
 SEED_CELLS = 12
-# What is reported does so by more, at its 95th percentile.
+# What is reported is deep and steep: the product of its depth in standard deviations of the waves, and of its rim's
+# slope in the road's own (median) slopes.
 RECOGNISED_SD = 8.0
+RECOGNISED_EVIDENCE = 48.0
+# A hole narrower than this is texture.
+MIN_AREA_M2 = 0.0007
 # An outline never lies where the road's waves would.
 OUTLINE_SD = 2.0
 # A cell was not measured when so little of its smoothed neighbourhood was.
@@ -41,30 +45,38 @@ def find_holes(relief: Relief) -> list[Hole]:
     occupied = (relief.count > 0).astype(np.float64)
     depth, certainty = smooth(relief.depth_map_m, occupied, FINE_CELLS)
     seeds, count = label(depth > SEED_SD * relief.wave_m)
-    if count == 0:
+    places = _places(depth, seeds, count, RECOGNISED_SD * relief.wave_m)
+    if not places:
         return []
+    slope = slope_of(depth, relief.grid.cell_m)
+    road_slope = max(float(np.median(slope[occupied > 0.0])), 1e-6)
     gaps = binary_opening(certainty < GAP_CERTAINTY)
-    families = contour_families(depth, gaps, relief.grid.cell_m, OUTLINE_SD * relief.wave_m)
+    families = contour_families(depth, slope, gaps, relief.grid.cell_m, OUTLINE_SD * relief.wave_m)
     taken = np.zeros(depth.shape, dtype=bool)
     holes = []
-    for place in _places(depth, seeds, count):
+    for place in places:
         outline = None if taken[place] else steepest(families, place, taken, float(occupied.sum()))
         if outline is None:
             continue
         taken[outline.extent] |= outline.mask
         measured = outline.mask & ~gaps[outline.extent]
         evidence = float(np.percentile(depth[outline.extent][measured], 95)) / relief.wave_m
-        if evidence >= RECOGNISED_SD and _border_share(outline, depth.shape) <= MAX_BORDER_SHARE:
+        if (
+            evidence >= RECOGNISED_SD
+            and evidence * outline.slope / road_slope >= RECOGNISED_EVIDENCE
+            and outline.mask.sum() * relief.grid.cell_m**2 >= MIN_AREA_M2
+            and _border_share(outline, depth.shape) <= MAX_BORDER_SHARE
+        ):
             holes.append(Hole(outline, evidence))
     return holes
 
 
-def _places(depth: FloatArray, seeds: IntArray, count: int) -> list[tuple[int, int]]:
-    """The deepest cell of each seed that is large enough, deepest first."""
+def _places(depth: FloatArray, seeds: IntArray, count: int, least_m: float) -> list[tuple[int, int]]:
+    """The deepest cell of each seed that is large and deep enough, deepest first."""
     numbers = np.arange(1, count + 1)
     large = numbers[np.bincount(seeds.ravel(), minlength=count + 1)[1:] >= SEED_CELLS]
     places = [(int(row), int(column)) for row, column in maximum_position(depth, seeds, large)]
-    return sorted(places, key=lambda place: -depth[place])
+    return sorted((place for place in places if depth[place] > least_m), key=lambda place: -depth[place])
 
 
 def _border_share(outline: Outline, shape: tuple[int, ...]) -> float:
