@@ -1,11 +1,12 @@
-"""From flagged points to clusters that are too much to be noise, and too small to be part of the scenery."""
+"""From flagged points to clusters, and what surrounds them: the numbers that tell an obstacle from scenery."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.ndimage import binary_dilation, label
+from numba import njit
+from scipy.ndimage import label
 
 from detector.corridor import Corridor
 from detector.types import FloatArray, IntArray
@@ -13,7 +14,7 @@ from detector.types import FloatArray, IntArray
 # Deviation that flags a point: three standard deviations, but not the texture of asphalt and patches.
 FLAG_SD = 3.0
 MIN_DEPTH_M = 0.02
-MIN_HEIGHT_M = 0.03
+MIN_HEIGHT_M = 0.025
 # Deeper is no pothole but a reflection below the road; higher is an overhang.
 MAX_DEPTH_M = 0.5
 OVERHANG_M = 2.5
@@ -22,60 +23,28 @@ CELL_M = 0.25
 # Beyond this range rings lie farther apart than a cell: cells grow with range so that neighbours stay neighbours.
 COMPRESS_FROM_M = 12.0
 MIN_POINTS = 2
-# Chi-square-like evidence: two points at six standard deviations; one point counts for at most eight.
-MIN_EVIDENCE = 36.0
+# One point counts for at most eight standard deviations.
 MAX_POINT_SD = 8.0
-# Obstacles on the road are lower than a car's bonnet, and shorter than a car.
-MAX_HEIGHT_M = 0.5
-MAX_EXTENT_M = 2.5
-# Kerbs, cars and walls reach over the edge; only a low hump lies across the road from edge to edge.
-EDGE_MARGIN_M = 0.2
-HUMP_HEIGHT_M = 0.15
-HUMP_MIN_WIDTH_M = 1.0
-# Two hits at the road's edge are the kerb; two beyond what is well seen may be anything.
-MIN_HUMP_HITS = 4
-# A hole is verified by the road seen before and behind it: at most this far, plus what ring spacing (growing with the
+# What stands higher is not the road's: a kerb, a wheel, a wall.
+ROAD_BAND_M = 0.10
+# Behind this the car sees nothing that it did not see nearer before.
+BEHIND_M = 12.0
+# How far around a cluster the road is looked at: a metre, and along the road what ring spacing (growing with the
 # square of range) leaves unseen.
 BORDER_REACH_M = 1.0
 BORDER_REACH_PER_M2 = 0.008
-AZIMUTH_MARGIN_RAD = 0.01
-# A stripe along one ring, far longer than the gaps to the rings beside it are wide, is that ring's calibration.
-MAX_STRIPE_RATIO = 3.0
-# A hump may be as wide as a 3.5 m lane; the shortest made are 0.4 m long.
-MAX_HUMP_RATIO = 9.0
-# This many hits within this width sample it densely enough to say that it is a stone's gap and no pothole.
-DENSE_HITS = 3
-MIN_HOLE_WIDTH_M = 0.12
-# Of the hits between a hole's nearest and farthest the flagged ones must be most.
-MIN_INNER_SHARE = 0.5
-# A ray reaches a hole's floor only past its near rim; what the depth's noise and the rim's shape may hide of that.
-RIM_SLACK_M = 0.25
-# A hole is closed: its own rings show the road on both sides within this reach, where no shadow hides it.
-SIDE_REACH_M = 1.0
-# Roads fall 2 to 2.5 % to their sides: so much a ring's range changes over that reach, and a little more.
+BORDER_GUARD_M = 0.05
+# Room about the strips before, behind and beside a cluster: half a cell, and what a road's fall to its side changes a
+# ring's distance by over the reach of a border.
+BORDER_SLACK_M = 0.12
 CROSS_FALL = 0.03
-# Beyond this range a few hits decide: no hole is told from a wave of the road, and only what stands high from a hump.
-MAX_HOLE_RANGE_M = 25.0
-MIN_FAR_HEIGHT_M = 0.15
-# Behind this the car sees nothing that it did not see nearer before.
-BEHIND_M = 12.0
-# Of the points in a cluster's cells the flagged ones must be many; scattered outliers are few among many.
-MIN_FLAGGED_SHARE = 0.3
-
-
-@dataclass(frozen=True, slots=True)
-class Cluster:
-    """Points (indices into the arrays given) that deviate alike from the road, and the evidence for it."""
-
-    indices: IntArray
-    is_negative: bool
-    evidence: float
+ROW_M = 1.0
 
 
 @dataclass(frozen=True, slots=True)
 class Deviations:
-    """Points of the corridor: road coordinates, signed residual to the surface and its noise, each (N,), in metres,
-    and the sensor's height over the road."""
+    """Points of the corridor: coordinates along and across its path, signed residual to the surface and its noise,
+    each (N,), in metres, and the sensor's height over the road."""
 
     along_m: FloatArray
     across_m: FloatArray
@@ -85,14 +54,10 @@ class Deviations:
     sensor_height_m: float
 
     @property
-    def azimuth_rad(self) -> FloatArray:
-        """Direction (N,) of each point about the sensor, along the road's curve."""
-        return np.arctan2(self.across_m, self.along_m)
-
-    @property
     def level_range_m(self) -> FloatArray:
         """Range (N,) at which each point's ray crosses the road's level: one value a ring, in a hole or beside it."""
-        return self.range_m * self.sensor_height_m / np.maximum(self.sensor_height_m - self.residual_m, MIN_HEIGHT_M)
+        below_sensor = np.maximum(self.sensor_height_m - self.residual_m, MIN_HEIGHT_M)
+        return np.asarray(self.range_m * self.sensor_height_m / below_sensor)
 
     @property
     def below(self) -> np.ndarray:
@@ -107,35 +72,78 @@ class Deviations:
         return (self.residual_m > limit) & (self.residual_m < OVERHANG_M)
 
 
-def find_clusters(deviations: Deviations, candidates: np.ndarray, corridor: Corridor) -> list[Cluster]:
-    """Clusters among the candidate points (mask (N,)) that pass as obstacles on the road, holes first."""
-    clusters: list[Cluster] = []
-    candidates = candidates & (deviations.along_m > -BEHIND_M)
-    for is_negative, flagged in ((True, deviations.below), (False, deviations.above)):
-        cell_of, share = _rasterise(deviations, flagged & candidates)
-        for indices in _groups(cell_of, np.flatnonzero(flagged & candidates)):
-            cluster = _verify(deviations, indices, is_negative, float(share[indices].mean()), corridor)
-            if cluster is not None:
-                clusters.append(cluster)
-    return clusters
+@dataclass(frozen=True, slots=True)
+class Cluster:
+    """Points (indices into the arrays given) that deviate alike from the road, and how likely they are an obstacle."""
+
+    indices: IntArray
+    is_negative: bool
+    confidence: float
 
 
-def _rasterise(deviations: Deviations, flagged: np.ndarray) -> tuple[IntArray, FloatArray]:
-    """Connected component of each flagged point, and the flagged share of each point's cell (N,)."""
-    scale = _compression(deviations.range_m)
-    row = np.floor(deviations.along_m * scale / CELL_M).astype(np.int64)
-    column = np.floor(deviations.across_m * scale / CELL_M).astype(np.int64)
-    if row.size == 0:
-        return np.empty(0, dtype=np.int64), np.empty(0)
-    row, column = row - row.min() + 1, column - column.min() + 1
-    shape = (int(row.max()) + 2, int(column.max()) + 2)
-    cell = row * shape[1] + column
-    hits = np.bincount(cell, minlength=shape[0] * shape[1])
-    marked = np.bincount(cell[flagged], minlength=hits.size)
-    occupied = binary_dilation((marked > 0).reshape(shape), structure=np.ones((3, 3), dtype=bool))
+@dataclass(frozen=True, slots=True)
+class Surroundings:
+    """What lies in and around each of C clusters, each (C,) but the sides.
+
+    `evidence` is the sum of squared deviations in standard deviations, one point counting for at most eight;
+    `relief_m` their mean, `peak_m` the largest. The box is that of the flagged points. `inner` counts the points in it.
+    `side_count` (C, 4) and `side_mean_m` (C, 4) are the points before, behind, left and right of the box, and their
+    mean deviation with the cluster's sign; `edge_m` is the distance of the box to the corridor's nearer edge.
+    """
+
+    count: FloatArray
+    evidence: FloatArray
+    relief_m: FloatArray
+    peak_m: FloatArray
+    along_low_m: FloatArray
+    along_high_m: FloatArray
+    across_low_m: FloatArray
+    across_high_m: FloatArray
+    inner: FloatArray
+    side_count: FloatArray
+    side_mean_m: FloatArray
+    side_standing: FloatArray
+    gap_m: FloatArray
+    density_per_m2: FloatArray
+    covered: FloatArray
+    edge_m: FloatArray
+
+    @property
+    def range_m(self) -> FloatArray:
+        """Distance (C,) of the box's middle."""
+        along = 0.5 * (self.along_low_m + self.along_high_m)
+        return np.hypot(along, 0.5 * (self.across_low_m + self.across_high_m))
+
+    @property
+    def extent_along_m(self) -> FloatArray:
+        """Extent (C,) of the flagged points along the road."""
+        return self.along_high_m - self.along_low_m
+
+    @property
+    def extent_across_m(self) -> FloatArray:
+        """Extent (C,) of the flagged points across the road."""
+        return self.across_high_m - self.across_low_m
+
+
+def group(deviations: Deviations, candidates: np.ndarray) -> list[IntArray]:
+    """Indices of the connected clusters of at least two of the candidate points (mask (N,))."""
+    chosen = np.flatnonzero(candidates & (deviations.along_m > -BEHIND_M))
+    if chosen.size < MIN_POINTS:
+        return []
+    scale = _compression(deviations.range_m[chosen]) / CELL_M
+    row = np.floor(deviations.along_m[chosen] * scale).astype(np.int64)
+    column = np.floor(deviations.across_m[chosen] * scale).astype(np.int64)
+    row, column = row - row.min(), column - column.min()
+    # Doubled, with the cells between two neighbours set: cells that touch those next but one are one cluster.
+    occupied = np.zeros((int(row.max()) + 3, int(column.max()) + 3), dtype=bool)
+    for i in range(3):
+        for j in range(3):
+            occupied[row + i, column + j] = True
     components, _ = label(occupied, structure=np.ones((3, 3), dtype=np.int64))
-    share = marked / np.maximum(hits, 1)
-    return components.ravel()[cell[flagged]], share[cell]
+    component = components[row + 1, column + 1]
+    order = np.argsort(component, kind="stable")
+    borders = np.flatnonzero(np.diff(component[order])) + 1
+    return [members for members in np.split(chosen[order], borders) if members.size >= MIN_POINTS]
 
 
 def _compression(range_m: FloatArray) -> FloatArray:
@@ -144,135 +152,159 @@ def _compression(range_m: FloatArray) -> FloatArray:
     return (1.0 + np.log(ratio)) / ratio
 
 
-def _groups(component_of: IntArray, indices: IntArray) -> list[IntArray]:
-    order = np.argsort(component_of, kind="stable")
-    borders = np.flatnonzero(np.diff(component_of[order])) + 1
-    return [group for group in np.split(indices[order], borders) if group.size >= MIN_POINTS]
-
-
-def _verify(
-    deviations: Deviations, indices: IntArray, is_negative: bool, flagged_share: float, corridor: Corridor
-) -> Cluster | None:
-    residual = deviations.residual_m[indices]
-    noise = deviations.noise_m[indices]
-    evidence = _evidence(residual, noise)
-    if evidence < MIN_EVIDENCE or flagged_share < MIN_FLAGGED_SHARE:
-        return None
-    if _is_scenery(deviations.along_m[indices], deviations.across_m[indices], residual, is_negative, corridor):
-        return None
-    offset = _azimuth_about(deviations, indices)
-    if is_negative and not _has_road_around(deviations, indices, offset):
-        return None
-    is_low = residual.max() < HUMP_HEIGHT_M
-    if is_low and (_is_stripe(deviations, indices, offset) or not _stands_out(deviations, indices, offset)):
-        return None
-    return Cluster(indices, is_negative, evidence)
-
-
-def _evidence(residual_m: FloatArray, noise_m: FloatArray) -> float:
-    return float(np.sum(np.square(np.minimum(np.abs(residual_m) / noise_m, MAX_POINT_SD))))
-
-
-def _is_scenery(
-    along: FloatArray, across: FloatArray, residual: FloatArray, is_negative: bool, corridor: Corridor
-) -> bool:
-    """Whether a cluster is a kerb, a car, a wall or the road's edge rather than an obstacle on the road."""
-    extent_along, extent_across = np.ptp(along), np.ptp(across)
-    at_edge = across.max() > corridor.left_m - EDGE_MARGIN_M or across.min() < corridor.right_m + EDGE_MARGIN_M
-    if is_negative:
-        return bool(at_edge or max(extent_along, extent_across) > MAX_EXTENT_M)
-    height = residual.max()
-    few = along.size < MIN_HUMP_HITS
-    is_hump = (
-        height < HUMP_HEIGHT_M
-        and not (few and at_edge)
-        and extent_across >= HUMP_MIN_WIDTH_M
-        and extent_across > extent_along
+def surroundings(
+    deviations: Deviations, clusters: list[IntArray], is_negative: bool, corridor: Corridor
+) -> Surroundings:
+    """What lies in and around clusters of one sign."""
+    members = np.concatenate(clusters) if clusters else np.empty(0, dtype=np.int64)
+    starts = np.concatenate([[0], np.cumsum([len(c) for c in clusters])]).astype(np.int64)
+    signed = -deviations.residual_m if is_negative else deviations.residual_m
+    order, row_start, first_row = _rows(deviations.along_m)
+    own = _own(members, starts, signed, deviations.noise_m, deviations.along_m, deviations.across_m)
+    inner, sides, means, standing, context = _around(
+        own[:, 4:],
+        deviations.level_range_m,
+        members,
+        starts,
+        signed,
+        deviations.along_m,
+        deviations.across_m,
+        CROSS_FALL * BORDER_REACH_M / deviations.sensor_height_m,
+        order,
+        row_start,
+        first_row,
     )
-    if along.min() > MAX_HOLE_RANGE_M and (few or height < MIN_FAR_HEIGHT_M):
-        return True
-    if is_hump:
-        return bool(extent_along > MAX_EXTENT_M)
-    return bool(at_edge or height > MAX_HEIGHT_M or max(extent_along, extent_across) > MAX_EXTENT_M)
+    edge = np.minimum(corridor.left_m - own[:, 7], own[:, 6] - corridor.right_m)
+    gap, density, covered = context.T
+    count, evidence, relief, peak, low, high, right, left = own.T
+    return Surroundings(
+        count,
+        evidence,
+        relief,
+        peak,
+        low,
+        high,
+        right,
+        left,
+        inner,
+        sides,
+        means,
+        standing,
+        gap,
+        density,
+        covered,
+        edge,
+    )
 
 
-def _has_road_around(deviations: Deviations, indices: IntArray, offset_rad: FloatArray) -> bool:
-    """Whether the rays show the road before and behind a hole, with room for its depth.
+def _rows(along_m: FloatArray) -> tuple[IntArray, IntArray, int]:
+    """Order of points by metre of the road, where each metre begins in it, and the first metre."""
+    row = np.floor(along_m / ROW_M).astype(np.int64)
+    first = int(row.min(initial=0))
+    order = np.argsort((row - first).astype(np.int16), kind="stable")
+    starts = np.searchsorted(row[order] - first, np.arange(int(row.max(initial=0)) - first + 2))
+    return order, starts, first
 
-    A ray that ends at depth d crossed the road's level d / tan(its angle) before; no road can be hit between.
+
+@njit(cache=True, nogil=True)
+def _own(
+    members: IntArray, starts: IntArray, signed: FloatArray, noise: FloatArray, along: FloatArray, across: FloatArray
+) -> FloatArray:
+    """Count, evidence, mean and largest deviation, and box of each cluster (C, 8)."""
+    own = np.zeros((len(starts) - 1, 8))
+    for c in range(len(starts) - 1):
+        box = np.array([np.inf, -np.inf, np.inf, -np.inf])
+        for n in range(starts[c], starts[c + 1]):
+            i = members[n]
+            own[c, 1] += min(signed[i] / noise[i], MAX_POINT_SD) ** 2
+            own[c, 2] += signed[i]
+            own[c, 3] = max(own[c, 3], signed[i])
+            box[0], box[1] = min(box[0], along[i]), max(box[1], along[i])
+            box[2], box[3] = min(box[2], across[i]), max(box[3], across[i])
+        own[c, 0] = starts[c + 1] - starts[c]
+        own[c, 2] /= own[c, 0]
+        own[c, 4:] = box
+    return own
+
+
+@njit(cache=True, nogil=True)
+def _around(
+    boxes: FloatArray,
+    level: FloatArray,
+    members: IntArray,
+    starts: IntArray,
+    signed: FloatArray,
+    along: FloatArray,
+    across: FloatArray,
+    ring_slope: float,
+    order: IntArray,
+    row_start: IntArray,
+    first_row: int,
+) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]:
+    """Points inside each box; number and mean deviation of the road's and number of other points on its four sides;
+    gap in the road along it, density of points around it, and share of its width with road before it (C, 3).
+
+    Left and right only the cluster's own rings count, by the range at which they cross the road's level: what they show
+    there too is their own error, or a wave of the road.
     """
-    range_m = deviations.range_m[indices]
-    nearest, farthest = float(range_m.min()), float(range_m.max())
-    beside, width = _sector(deviations, indices, offset_rad)
-    if farthest > MAX_HOLE_RANGE_M or (width < MIN_HOLE_WIDTH_M and indices.size >= DENSE_HITS):
-        return False
-    inner = beside & (deviations.range_m >= nearest) & (deviations.range_m <= farthest)
-    if indices.size < MIN_INNER_SHARE * inner.sum():
-        return False
-    before, behind = _road_borders(deviations, beside, nearest, farthest)
-    depth = np.maximum(-deviations.residual_m[indices] - FLAG_SD * deviations.noise_m[indices], 0.0)
-    entry = float(np.median(range_m - depth * range_m / deviations.sensor_height_m))
-    reach = BORDER_REACH_M + BORDER_REACH_PER_M2 * farthest**2
-    return max(nearest - before, behind - farthest) < reach and entry > before - RIM_SLACK_M
-
-
-def _is_stripe(deviations: Deviations, indices: IntArray, offset_rad: FloatArray) -> bool:
-    """Whether a cluster lies along one ring, with the road on both sides too near for anything of that length."""
-    range_m = deviations.range_m[indices]
-    beside, width = _sector(deviations, indices, offset_rad)
-    before, behind = _road_borders(deviations, beside, float(range_m.min()), float(range_m.max()))
-    is_negative = bool(deviations.residual_m[indices[0]] < 0.0)
-    return width > (MAX_STRIPE_RATIO if is_negative else MAX_HUMP_RATIO) * (behind - before)
-
-
-def _sector(deviations: Deviations, indices: IntArray, offset_rad: FloatArray) -> tuple[np.ndarray, float]:
-    """Mask (N,) of all points in the directions of a cluster, and the cluster's width across them."""
-    low, high = float(offset_rad[indices].min()), float(offset_rad[indices].max())
-    beside = (offset_rad >= low - AZIMUTH_MARGIN_RAD) & (offset_rad <= high + AZIMUTH_MARGIN_RAD)
-    return beside, (high - low) * float(deviations.range_m[indices].min())
-
-
-def _road_borders(
-    deviations: Deviations, beside: np.ndarray, nearest_m: float, farthest_m: float
-) -> tuple[float, float]:
-    """Ranges of the last road before and the first road behind a stretch; infinitely far where none is seen."""
-    road = deviations.range_m[beside & ~deviations.below & ~deviations.above]
-    return float(road[road < nearest_m].max(initial=-np.inf)), float(road[road > farthest_m].min(initial=np.inf))
-
-
-def _stands_out(deviations: Deviations, indices: IntArray, offset_rad: FloatArray) -> bool:
-    """Whether a hole or a low rise stays one against what its own rings show left and right of it.
-
-    What they show there too is their calibration or a wave of the road. A hole is closed: where nothing is seen
-    beside it an occluder's shadow begins, and the surface was fitted to nothing there. A hump may fill the road.
-    """
-    left, right = _sides(deviations, indices, offset_rad)
-    is_negative = bool(deviations.residual_m[indices[0]] < 0.0)
-    sign = -1.0 if is_negative else 1.0
-    beside = [sign * float(np.median(side)) for side in (left, right) if side.size]
-    if is_negative and len(beside) < 2:
-        return False
-    common = max(max(beside) if is_negative else min(beside, default=0.0), 0.0)
-    relief, noise = sign * deviations.residual_m[indices] - common, deviations.noise_m[indices]
-    standing = relief > np.maximum(FLAG_SD * noise, MIN_DEPTH_M if is_negative else MIN_HEIGHT_M)
-    return bool(standing.sum() >= MIN_POINTS) and _evidence(relief[standing], noise[standing]) >= MIN_EVIDENCE
-
-
-def _sides(deviations: Deviations, indices: IntArray, offset_rad: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Residuals of the road that the rings of a cluster show left and right of it."""
-    level_range = deviations.level_range_m
-    low, high = offset_rad[indices].min(), offset_rad[indices].max()
-    reach = SIDE_REACH_M / float(deviations.range_m[indices].min())
-    nearest, farthest = float(level_range[indices].min()), float(level_range[indices].max())
-    slack = CROSS_FALL * SIDE_REACH_M * farthest / deviations.sensor_height_m
-    same_rings = (level_range > nearest - slack) & (level_range < farthest + slack)
-    road = same_rings & (deviations.residual_m < HUMP_HEIGHT_M)
-    left = (offset_rad > high) & (offset_rad < high + reach)
-    right = (offset_rad < low) & (offset_rad > low - reach)
-    return deviations.residual_m[road & left], deviations.residual_m[road & right]
-
-
-def _azimuth_about(deviations: Deviations, indices: IntArray) -> FloatArray:
-    """Azimuth (N,) of all points about the first of `indices`, in [-pi, pi)."""
-    azimuth = deviations.azimuth_rad
-    return np.asarray(np.remainder(azimuth - azimuth[indices[0]] + np.pi, 2.0 * np.pi) - np.pi)
+    clusters = len(starts) - 1
+    inner = np.zeros(clusters)
+    sides, means, standing = np.zeros((clusters, 4)), np.zeros((clusters, 4)), np.zeros((clusters, 4))
+    context = np.zeros((clusters, 3))
+    flagged = np.zeros(len(along), dtype=np.bool_)
+    for c in range(clusters):
+        nearest, farthest = np.inf, 0.0
+        for n in range(starts[c], starts[c + 1]):
+            i = members[n]
+            flagged[i] = True
+            nearest, farthest = min(nearest, level[i]), max(farthest, level[i])
+        low, high, right, left = boxes[c]
+        square = (0.5 * (low + high)) ** 2 + (0.5 * (left + right)) ** 2
+        reach = BORDER_REACH_M + BORDER_REACH_PER_M2 * square
+        slack = BORDER_GUARD_M + ring_slope * farthest
+        nearest, farthest = nearest - slack, farthest + slack
+        ahead = low + high > 0.0
+        road_low, road_high = low - reach, high + reach
+        before_right, before_left = left, right
+        first = max(int(np.floor((low - reach) / ROW_M)) - first_row, 0)
+        last = min(int(np.floor((high + reach) / ROW_M)) - first_row + 1, len(row_start) - 1)
+        for n in range(row_start[min(first, len(row_start) - 1)], row_start[max(last, 0)]):
+            i = order[n]
+            s, t = along[i], across[i]
+            if flagged[i] or (low <= s <= high and right <= t <= left):
+                inner[c] += 1.0
+                continue
+            within_across = right - BORDER_SLACK_M < t < left + BORDER_SLACK_M
+            if within_across and low - reach < s < low - BORDER_GUARD_M:
+                side = 0 if ahead else 1
+            elif within_across and high + BORDER_GUARD_M < s < high + reach:
+                side = 1 if ahead else 0
+            elif nearest < level[i] < farthest and left + BORDER_GUARD_M < t < left + BORDER_REACH_M:
+                side = 2
+            elif nearest < level[i] < farthest and right - BORDER_REACH_M < t < right - BORDER_GUARD_M:
+                side = 3
+            else:
+                continue
+            if abs(signed[i]) > ROAD_BAND_M:
+                standing[c, side] += 1.0
+                continue
+            sides[c, side] += 1.0
+            means[c, side] += signed[i]
+            if side == 0:
+                before_right, before_left = min(before_right, t), max(before_left, t)
+            if within_across and s < low:
+                road_low = max(road_low, s)
+            elif within_across and s > high:
+                road_high = min(road_high, s)
+        for n in range(starts[c], starts[c + 1]):
+            flagged[members[n]] = False
+        for k in range(4):
+            if sides[c, k] > 0.0:
+                means[c, k] /= sides[c, k]
+        across_area = (left - right + 2.0 * BORDER_SLACK_M) * 2.0 * (reach - BORDER_GUARD_M)
+        along_area = (farthest - nearest) * 2.0 * (BORDER_REACH_M - BORDER_GUARD_M)
+        context[c, 0] = road_high - road_low
+        context[c, 1] = sides[c].sum() / (across_area + along_area)
+        overlap = min(before_left, left) - max(before_right, right)
+        context[c, 2] = max(overlap, 0.0) / max(left - right, BORDER_SLACK_M)
+    return inner, sides, means, standing, context

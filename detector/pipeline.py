@@ -103,7 +103,7 @@ def _labels(strip: Strip, candidates: np.ndarray, clusters: list[Cluster], heigh
     found = [strip.indices[cluster.indices] for cluster in clusters]
     return segment(
         height_m,
-        strip.indices[strip.in_corridor],
+        strip.indices[strip.in_corridor & ~strip.deviations.below & ~strip.deviations.above],
         strip.indices[candidates & strip.deviations.below],
         strip.indices[candidates & strip.deviations.above],
         np.concatenate(found) if found else strip.indices[:0],

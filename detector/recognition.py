@@ -18,8 +18,6 @@ THIN_CELL_M = 0.02
 LN_LENGTH_SD = 0.15
 LN_AREA_SD = 0.22
 MIN_SIDE_M = 0.05
-# Evidence at which a cluster is believed by 1 - 1/e: twice the least that is reported.
-EVIDENCE_SCALE = 72.0
 # Speed humps are at most 10 to 12 cm high by regulation; what is higher lies on the road.
 DEBRIS_HEIGHT_M = 0.14
 BUMP_MIN_LENGTH_M = 0.4
@@ -46,7 +44,7 @@ def recognise(points_m: FloatArray, residual_m: FloatArray, noise_m: FloatArray,
         yaw_rad=yaw,
         relief_m=depth,
         volume_m3=volume,
-        confidence=1.0 - math.exp(-cluster.evidence / EVIDENCE_SCALE),
+        confidence=cluster.confidence,
         hits=len(points),
         frames=1,
         least_range_m=float(np.hypot(points[:, 0], points[:, 1]).min()),

@@ -2,44 +2,49 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.ndimage import gaussian_filter
+from numba import njit
 
 from detector.corridor import AHEAD_M, BEHIND_M, Corridor
-from detector.robust import MAD_TO_SD, fit_tukey, quadratic_terms, tukey_weight
-from detector.types import FloatArray
+from detector.ground import CROSS_BAND_M
+from detector.robust import MAD_TO_SD, fit_tukey, quadratic_terms
+from detector.types import FloatArray, IntArray
 
 CELL_M = 0.25
 # The strip is evaluated this far beyond its edges, and no farther: a pavement would bend the road around a place.
 MARGIN_M = 0.25
-# A 6 % grade against the car's own plane, and a crown or kerb on top of it.
-BAND_M = 0.3
-BAND_GRADE = 0.06
 MIN_CELLS = 30
-MAX_CELLS = 4000
+MAX_CELLS = 2000
 # Scales of the quadratic's coordinates, for conditioning.
 ALONG_SCALE_M = 20.0
 ACROSS_SCALE_M = 4.0
 # Full width at half maximum 3.5 x 1.9 m: more than twice the largest hole, less than the waves of a road.
 KERNEL_ALONG_M = 1.5
 KERNEL_ACROSS_M = 0.8
+KERNEL_REACH = 2.5
 # Hits a cell counts for at most, so that the dense near field does not rule.
 MAX_CELL_WEIGHT = 4.0
 # Cutoffs of the successive corrections: the road's waves first, then everything but the obstacles.
-CORRECTION_CUTOFFS_M = (0.15, 0.06, 0.05)
-NOISE_RANGE_EDGES_M = np.array([0.0, 5.0, 8.0, 12.0, 18.0, 25.0, 45.0])
+CORRECTION_CUTOFFS_M = (0.15, 0.06, 0.04)
+# Cells off the road by more than this many standard deviations of their range are obstacles: they and their neighbours
+# do not take part in the last correction, or it would follow a low bump.
+OBSTACLE_SD = 2.5
+OBSTACLE_MIN_M = 0.015
+NOISE_RANGE_EDGES_M = np.array([0.0, 5.0, 8.0, 12.0, 18.0, 25.0, 35.0, 65.0])
 # Residuals above this are obstacles, not noise.
 NOISE_BAND_M = 0.1
 # LiDAR range resolution; the noise of simulated clouds can be zero.
 NOISE_FLOOR_M = 0.002
 MIN_NOISE_HITS = 30
+NOISE_BINS = 200
 
 
 @dataclass(frozen=True, slots=True)
 class RoadSurface:
-    """Height of the road over (along, across), and the noise of hits about it by range (1 sigma, metres)."""
+    """Height of the road over its profile at (along, across), and the noise of hits about it by range (1 sigma)."""
 
     coefficients: FloatArray
     correction_m: FloatArray
@@ -47,108 +52,211 @@ class RoadSurface:
     noise_m: FloatArray
 
     def height_m(self, along_m: FloatArray, across_m: FloatArray) -> FloatArray:
-        """Height (N,) of the road in the sensor frame at road coordinates (N,)."""
-        smooth = _terms(along_m, across_m) @ self.coefficients
-        return smooth + _bilinear(self.correction_m, along_m, across_m, self.across_start_m)
+        """Height (N,) over the profile at distances along and offsets across the path (N,)."""
+        return np.asarray(_height(self.coefficients, self.correction_m, self.across_start_m, along_m, across_m))
 
     def noise_at(self, range_m: FloatArray) -> FloatArray:
-        """Standard deviation (N,) of the residual of a road hit at horizontal range (N,)."""
-        middle = 0.5 * (NOISE_RANGE_EDGES_M[1:] + NOISE_RANGE_EDGES_M[:-1])
-        return np.interp(range_m, middle, self.noise_m)
+        """Standard deviation (N,) of hits about the road at ranges (N,)."""
+        return np.asarray(self.noise_m[np.clip(_bin_of(range_m), 0, len(self.noise_m) - 1)])
 
 
 def fit_surface(
-    along_m: FloatArray, across_m: FloatArray, z_m: FloatArray, corridor: Corridor, sensor_height_m: float
+    along_m: FloatArray, across_m: FloatArray, height_m: FloatArray, corridor: Corridor
 ) -> RoadSurface | None:
-    """Surface through the points (N,) of a corridor, in the sensor frame; None where too little of a road is seen."""
-    inside = corridor.contains(along_m, across_m, MARGIN_M)
-    inside &= np.abs(z_m + sensor_height_m) < BAND_M + BAND_GRADE * np.hypot(along_m, across_m)
-    along, across, z = along_m[inside], across_m[inside], z_m[inside]
-    start, shape = _grid(corridor)
-    count, mean_z = _cell_means(along, across, z, start, shape)
-    coefficients = _fit_quadratic(count, mean_z, corridor, start)
+    """Surface through points (N,) of a corridor and its margin; None where too little of a road is seen."""
+    start = corridor.right_m - MARGIN_M
+    columns = math.ceil((corridor.left_m + MARGIN_M - start) / CELL_M) + 1
+    count, mean = _cell_means(along_m, across_m, height_m, start, columns)
+    coefficients = _fit_quadratic(count, mean, start)
     if coefficients is None:
         return None
-    correction = _fit_correction(count, mean_z, coefficients, start)
-    surface = RoadSurface(coefficients, correction, start, np.empty(0))
-    on_road = corridor.contains(along, across)
-    residual = z[on_road] - surface.height_m(along[on_road], across[on_road])
-    noise = _noise_by_range(np.hypot(along[on_road], across[on_road]), residual)
-    return RoadSurface(coefficients, correction, start, noise)
+    residual = mean - _plane(coefficients, count.shape[0], columns, start)
+    certainty = np.minimum(count, MAX_CELL_WEIGHT)
+    correction = np.zeros_like(residual)
+    for cutoff in CORRECTION_CUTOFFS_M:
+        correction = _correction(_tukey_weights(certainty, residual - correction, cutoff), residual)
+    first = RoadSurface(coefficients, correction, start, np.empty(0))
+    noise = _noise_by_range(first, along_m, across_m, height_m, corridor)
+    sound = _sound_weights(certainty, residual - correction, noise, start)
+    return RoadSurface(coefficients, _correction(sound, residual), start, noise)
 
 
-def _grid(corridor: Corridor) -> tuple[float, tuple[int, int]]:
-    start = corridor.right_m - MARGIN_M
-    columns = int(np.ceil((corridor.left_m + MARGIN_M - start) / CELL_M)) + 1
-    return start, (int((AHEAD_M + BEHIND_M) / CELL_M), columns)
-
-
+@njit(cache=True, nogil=True)
 def _cell_means(
-    along: FloatArray, across: FloatArray, z: FloatArray, start: float, shape: tuple[int, int]
+    along: FloatArray, across: FloatArray, height: FloatArray, start: float, columns: int
 ) -> tuple[FloatArray, FloatArray]:
-    row = ((along + BEHIND_M) / CELL_M).astype(np.int64)
-    cell = row * shape[1] + ((across - start) / CELL_M).astype(np.int64)
-    count = np.bincount(cell, minlength=shape[0] * shape[1]).astype(np.float64)
-    total = np.bincount(cell, weights=z, minlength=shape[0] * shape[1])
-    return count.reshape(shape), (total / np.maximum(count, 1.0)).reshape(shape)
+    rows = int((AHEAD_M + BEHIND_M) / CELL_M)
+    count, total = np.zeros((rows, columns)), np.zeros((rows, columns))
+    for i in range(len(along)):
+        row, column = int((along[i] + BEHIND_M) / CELL_M), int((across[i] - start) / CELL_M)
+        if 0 <= row < rows and 0 <= column < columns and height[i] < CROSS_BAND_M:
+            count[row, column] += 1.0
+            total[row, column] += height[i]
+    for row in range(rows):
+        for column in range(columns):
+            if count[row, column] > 0.0:
+                total[row, column] /= count[row, column]
+    return count, total
 
 
-def _cell_centres(shape: tuple[int, ...], start: float) -> tuple[FloatArray, FloatArray]:
-    along = (np.arange(shape[0]) + 0.5) * CELL_M - BEHIND_M
-    across = (np.arange(shape[1]) + 0.5) * CELL_M + start
-    return np.repeat(along, shape[1]), np.tile(across, shape[0])
-
-
-def _terms(along_m: FloatArray, across_m: FloatArray) -> FloatArray:
-    return quadratic_terms(along_m / ALONG_SCALE_M, across_m / ACROSS_SCALE_M)
-
-
-def _fit_quadratic(count: FloatArray, mean_z: FloatArray, corridor: Corridor, start: float) -> FloatArray | None:
-    along, across = _cell_centres(count.shape, start)
-    chosen = np.flatnonzero((count.ravel() > 0) & corridor.contains(along, across))
+def _fit_quadratic(count: FloatArray, mean: FloatArray, start: float) -> FloatArray | None:
+    chosen = np.flatnonzero(count)
     if chosen.size < MIN_CELLS:
         return None
     chosen = chosen[:: -(-chosen.size // MAX_CELLS)]
+    rows, columns = np.divmod(chosen, count.shape[1])
+    along, across = (rows + 0.5) * CELL_M - BEHIND_M, (columns + 0.5) * CELL_M + start
     weight = np.sqrt(np.minimum(count.ravel()[chosen], MAX_CELL_WEIGHT))
-    terms = _terms(along[chosen], across[chosen])
-    return fit_tukey(terms, mean_z.ravel()[chosen], weight, cutoff_sd=4.685, floor_sd=0.01)
+    terms = quadratic_terms(along / ALONG_SCALE_M, across / ACROSS_SCALE_M)
+    return fit_tukey(terms, mean.ravel()[chosen], weight, cutoff_sd=4.685, floor_sd=0.01)
 
 
-def _fit_correction(count: FloatArray, mean_z: FloatArray, coefficients: FloatArray, start: float) -> FloatArray:
-    """Robust normalised convolution (Knutsson and Westin, 1993) of the cells' residuals."""
-    along, across = _cell_centres(count.shape, start)
-    residual = mean_z - (_terms(along, across) @ coefficients).reshape(count.shape)
-    certainty = np.minimum(count, MAX_CELL_WEIGHT)
-    correction = np.zeros_like(residual)
-    sigma = (KERNEL_ALONG_M / CELL_M, KERNEL_ACROSS_M / CELL_M)
-    for cutoff in CORRECTION_CUTOFFS_M:
-        weight = certainty * tukey_weight(residual - correction, cutoff)
-        total = gaussian_filter(weight, sigma, mode="constant", truncate=3.0)
-        # Far from any hit the correction fades to none.
-        correction = gaussian_filter(weight * residual, sigma, mode="constant", truncate=3.0) / (total + 1e-3)
-    return correction
+@njit(cache=True, nogil=True)
+def _plane(coefficients: FloatArray, rows: int, columns: int, start: float) -> FloatArray:
+    heights = np.empty((rows, columns))
+    for row in range(rows):
+        for column in range(columns):
+            heights[row, column] = _quadratic(
+                coefficients, (row + 0.5) * CELL_M - BEHIND_M, (column + 0.5) * CELL_M + start
+            )
+    return heights
 
 
-def _bilinear(grid: FloatArray, along_m: FloatArray, across_m: FloatArray, start: float) -> FloatArray:
-    row = np.clip((along_m + BEHIND_M) / CELL_M - 0.5, 0.0, grid.shape[0] - 1.001)
-    column = np.clip((across_m - start) / CELL_M - 0.5, 0.0, grid.shape[1] - 1.001)
-    i, j = row.astype(np.int64), column.astype(np.int64)
-    u, v = row - i, column - j
-    upper = grid[i, j] * (1.0 - v) + grid[i, j + 1] * v
-    lower = grid[i + 1, j] * (1.0 - v) + grid[i + 1, j + 1] * v
-    return np.asarray(upper * (1.0 - u) + lower * u)
+@njit(cache=True, nogil=True)
+def _quadratic(coefficients: FloatArray, along: float, across: float) -> float:
+    x, y = along / ALONG_SCALE_M, across / ACROSS_SCALE_M
+    a, b, c, d, e, f = coefficients
+    return float(a + b * x + c * y + d * x * x + e * x * y + f * y * y)
 
 
-def _noise_by_range(range_m: FloatArray, residual_m: FloatArray) -> FloatArray:
+@njit(cache=True, nogil=True)
+def _tukey_weights(certainty: FloatArray, residual: FloatArray, cutoff: float) -> FloatArray:
+    weights = np.zeros_like(certainty)
+    for row in range(certainty.shape[0]):
+        for column in range(certainty.shape[1]):
+            u = residual[row, column] / cutoff
+            if certainty[row, column] > 0.0 and abs(u) < 1.0:
+                weights[row, column] = certainty[row, column] * (1.0 - u * u) ** 2
+    return weights
+
+
+@njit(cache=True, nogil=True)
+def _sound_weights(certainty: FloatArray, residual: FloatArray, noise: FloatArray, start: float) -> FloatArray:
+    """Weights without the cells of obstacles and their neighbours."""
+    rows, columns = certainty.shape
+    weights = certainty.copy()
+    for row in range(rows):
+        along = (row + 0.5) * CELL_M - BEHIND_M
+        for column in range(columns):
+            if certainty[row, column] == 0.0:
+                continue
+            sd = noise[_noise_bin(math.hypot(along, (column + 0.5) * CELL_M + start))]
+            if abs(residual[row, column]) > max(OBSTACLE_SD * sd, OBSTACLE_MIN_M):
+                for i in range(max(row - 1, 0), min(row + 2, rows)):
+                    for j in range(max(column - 1, 0), min(column + 2, columns)):
+                        weights[i, j] = 0.0
+    return weights
+
+
+def _correction(weights: FloatArray, residual: FloatArray) -> FloatArray:
+    """Normalised convolution (Knutsson and Westin, 1993) of the cells' residuals; none far from any of them."""
+    along, across = _kernel(KERNEL_ALONG_M), _kernel(KERNEL_ACROSS_M)
+    return np.asarray(_blur_both(weights, weights * residual, along, across))
+
+
+def _kernel(sigma_m: float) -> FloatArray:
+    reach = math.ceil(KERNEL_REACH * sigma_m / CELL_M)
+    steps = np.arange(-reach, reach + 1) * CELL_M
+    return np.asarray(np.exp(-0.5 * np.square(steps / sigma_m)))
+
+
+@njit(cache=True, nogil=True)
+def _blur_both(weight: FloatArray, weighted: FloatArray, along: FloatArray, across: FloatArray) -> FloatArray:
+    rows, columns = weight.shape
+    reach_along, reach_across = len(along) // 2, len(across) // 2
+    w, v = np.zeros((rows, columns)), np.zeros((rows, columns))
+    for row in range(rows):
+        for column in range(columns):
+            if weight[row, column] == 0.0:
+                continue
+            for j in range(max(-reach_across, -column), min(reach_across + 1, columns - column)):
+                w[row, column + j] += across[j + reach_across] * weight[row, column]
+                v[row, column + j] += across[j + reach_across] * weighted[row, column]
+    smooth_w, smooth_v = np.zeros((rows, columns)), np.zeros((rows, columns))
+    for row in range(rows):
+        for i in range(max(-reach_along, -row), min(reach_along + 1, rows - row)):
+            k = along[i + reach_along]
+            for column in range(columns):
+                smooth_w[row, column] += k * w[row + i, column]
+                smooth_v[row, column] += k * v[row + i, column]
+    for row in range(rows):
+        for column in range(columns):
+            smooth_v[row, column] /= smooth_w[row, column] + 1e-3
+    return smooth_v
+
+
+@njit(cache=True, nogil=True)
+def _height(
+    coefficients: FloatArray, correction: FloatArray, start: float, along: FloatArray, across: FloatArray
+) -> FloatArray:
+    """Quadratic plus the bilinear interpolation of the correction."""
+    rows, columns = correction.shape
+    height = np.empty(len(along))
+    for n in range(len(along)):
+        row = min(max((along[n] + BEHIND_M) / CELL_M - 0.5, 0.0), rows - 1.001)
+        column = min(max((across[n] - start) / CELL_M - 0.5, 0.0), columns - 1.001)
+        i, j = int(row), int(column)
+        u, v = row - i, column - j
+        upper = correction[i, j] * (1.0 - v) + correction[i, j + 1] * v
+        lower = correction[i + 1, j] * (1.0 - v) + correction[i + 1, j + 1] * v
+        height[n] = _quadratic(coefficients, along[n], across[n]) + upper * (1.0 - u) + lower * u
+    return height
+
+
+@njit(cache=True, nogil=True)
+def _noise_bin(range_m: float) -> int:
+    last = len(NOISE_RANGE_EDGES_M) - 2
+    for k in range(last, 0, -1):
+        if range_m >= NOISE_RANGE_EDGES_M[k]:
+            return k
+    return 0
+
+
+def _bin_of(range_m: FloatArray) -> IntArray:
+    return np.asarray(np.searchsorted(NOISE_RANGE_EDGES_M, range_m, side="right") - 1, dtype=np.int64)
+
+
+def _noise_by_range(
+    surface: RoadSurface, along_m: FloatArray, across_m: FloatArray, height_m: FloatArray, corridor: Corridor
+) -> FloatArray:
     """Noise of each range bin by the median absolute deviation; a bin with few hits takes its nearer neighbour's."""
-    near = np.abs(residual_m) < NOISE_BAND_M
-    bin_of = np.digitize(range_m[near], NOISE_RANGE_EDGES_M) - 1
-    noise = np.full(NOISE_RANGE_EDGES_M.size - 1, np.nan)
-    for k in range(noise.size):
-        values = residual_m[near][bin_of == k]
-        if values.size >= MIN_NOISE_HITS:
-            noise[k] = max(MAD_TO_SD * float(np.median(np.abs(values))), NOISE_FLOOR_M)
+    inside = corridor.contains(along_m, across_m)
+    along, across = along_m[inside], across_m[inside]
+    residual = np.abs(height_m[inside] - surface.height_m(along, across))
+    counts = _deviation_counts(residual, np.hypot(along, across))
+    noise = np.array([_median_deviation(row) for row in counts])
     known = np.flatnonzero(np.isfinite(noise))
     if known.size == 0:
         return np.full(noise.size, NOISE_BAND_M / 3.0)
     return noise[known[np.clip(np.searchsorted(known, np.arange(noise.size), side="right") - 1, 0, None)]]
+
+
+@njit(cache=True, nogil=True)
+def _deviation_counts(deviation: FloatArray, range_m: FloatArray) -> IntArray:
+    """Histogram (range bin, deviation bin) of absolute deviations up to the band."""
+    counts = np.zeros((len(NOISE_RANGE_EDGES_M) - 1, NOISE_BINS), dtype=np.int64)
+    for i in range(len(deviation)):
+        if deviation[i] < NOISE_BAND_M:
+            counts[_noise_bin(range_m[i]), int(deviation[i] / NOISE_BAND_M * NOISE_BINS)] += 1
+    return counts
+
+
+def _median_deviation(counts: IntArray) -> float:
+    """Standard deviation from a histogram of absolute deviations, NaN of too few."""
+    total = counts.sum()
+    if total < MIN_NOISE_HITS:
+        return math.nan
+    reached = np.cumsum(counts)
+    k = int(np.searchsorted(reached, total / 2.0))
+    within = (total / 2.0 - (reached[k] - counts[k])) / counts[k]
+    return max(MAD_TO_SD * float(k + within) * NOISE_BAND_M / NOISE_BINS, NOISE_FLOOR_M)

@@ -7,8 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from detector.clusters import Cluster, Deviations, find_clusters
+from detector.clusters import Cluster, Deviations
 from detector.corridor import Corridor
+from detector.verification import find_clusters
 
 CORRIDOR = Corridor(0.0, 3.5, -3.5)
 SENSOR_HEIGHT_M = 2.4
@@ -25,6 +26,15 @@ def flat_road(rings: int = 64) -> Deviations:
     residual = np.random.default_rng(1).normal(0.0, 0.002, r.size)
     r = r * (SENSOR_HEIGHT_M - residual) / SENSOR_HEIGHT_M
     return Deviations(r * np.cos(a), r * np.sin(a), r, residual, np.full(r.size, NOISE_M), SENSOR_HEIGHT_M)
+
+
+def azimuth_rad(road: Deviations) -> np.ndarray:
+    return np.arctan2(road.across_m, road.along_m)
+
+
+def level_range_m(road: Deviations) -> np.ndarray:
+    """Where each ray crosses the road's level: one value a ring, in a hole or beside it."""
+    return road.range_m * SENSOR_HEIGHT_M / (SENSOR_HEIGHT_M - road.residual_m)
 
 
 def with_residual(road: Deviations, where: np.ndarray, residual_m: float) -> Deviations:
@@ -45,8 +55,8 @@ def without(road: Deviations, hidden: np.ndarray) -> Deviations:
 
 
 def ring_near(road: Deviations, range_m: float) -> np.ndarray:
-    nearest = road.level_range_m[np.argmin(np.abs(road.level_range_m - range_m))]
-    return np.asarray(np.isclose(road.level_range_m, nearest))
+    level = level_range_m(road)
+    return np.asarray(np.isclose(level, level[np.argmin(np.abs(level - range_m))]))
 
 
 def clusters_of(road: Deviations) -> list[Cluster]:
@@ -67,7 +77,7 @@ def test_a_hole_with_road_on_all_sides_is_one_cluster() -> None:
 def test_a_low_place_at_the_edge_of_a_shadow_is_no_hole(side: float) -> None:
     road = flat_road()
     seen = with_residual(road, hole_at(road, 8.0), -0.08)
-    shadow = (side * road.azimuth_rad > 0.02) & (side * road.azimuth_rad < 0.25)
+    shadow = (side * azimuth_rad(road) > 0.02) & (side * azimuth_rad(road) < 0.25)
     assert clusters_of(without(seen, shadow)) == []
 
 

@@ -1,0 +1,157 @@
+"""The points of a sweep that may be ground, in road coordinates, and the long profile of the road among them."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit
+
+from detector.robust import fit_tukey
+from detector.types import FloatArray, IntArray
+
+BEHIND_M = 20.0
+AHEAD_M = 45.0
+# A dual carriageway's half, and what a curve that tightens ahead adds to it.
+REACH_M = 16.0
+# Grades change by up to 12 % within the range of a sweep, and a braking car pitches by a degree.
+BAND_M = 0.35
+BAND_GRADE = 0.10
+# Along the road: heights are taken from its middle, under which the car itself drives.
+BIN_M = 1.0
+MIDDLE_M = 1.2
+# A bin's road lies within this of the line of those before it, and a little more for each metre between them.
+STEP_BAND_M = 0.1
+STEP_BAND_GRADE = 0.03
+SLOPE_GAIN = 0.3
+MIN_BINS = 4
+BIN_SD_M = 0.02
+# A pavement lies one kerb and its own fall above the road's edge.
+CROSS_BAND_M = 0.4
+# What is higher hangs over the road.
+STANDING_M = 2.5
+
+
+@dataclass(frozen=True, slots=True)
+class GroundPoints:
+    """Points (G,) that may be ground or stand on it: index into the sweep, distance along and offset across the path
+    (left positive), and height over the road's long profile, in metres; `profile` (3,) are its coefficients of 1, s
+    and s^2, s the distance along."""
+
+    index: IntArray
+    along_m: FloatArray
+    across_m: FloatArray
+    height_m: FloatArray
+    profile: FloatArray
+
+
+def near_ground(points_m: FloatArray, sensor_height_m: float, curvature_per_m: float) -> GroundPoints:
+    """Points (N, 3) of the frame `sensor` near the ground, by a profile followed outwards from below the car."""
+    index, along, across, height = _candidates(points_m, sensor_height_m, curvature_per_m)
+    profile = _profile(along, across, height)
+    kept = _flatten(profile, along, height)
+    return GroundPoints(index[kept], along[kept], across[kept], height[kept], profile)
+
+
+def profile_height(along_m: FloatArray, profile: FloatArray) -> FloatArray:
+    """Height (N,) of the long profile at distances (N,), level beyond where it was followed."""
+    s = np.clip(along_m, -BEHIND_M, AHEAD_M)
+    return np.asarray(profile[0] + s * (profile[1] + s * profile[2]))
+
+
+@njit(cache=True, nogil=True)
+def _flatten(profile: FloatArray, along: FloatArray, height: FloatArray) -> np.ndarray:
+    """Take the profile out of the heights; a mask of those that are not below any road."""
+    kept = np.empty(len(height), dtype=np.bool_)
+    for i in range(len(height)):
+        height[i] -= profile[0] + along[i] * (profile[1] + along[i] * profile[2])
+        kept[i] = -CROSS_BAND_M < height[i] < STANDING_M
+    return kept
+
+
+def road_coordinates(points_m: FloatArray, curvature_per_m: float) -> tuple[FloatArray, FloatArray]:
+    """Distance along and offset across (left positive), (N,) each, of a circle through the origin along x."""
+    along, across = _road_coordinates(points_m, curvature_per_m)
+    return along, across
+
+
+@njit(cache=True, nogil=True)
+def _road_coordinate(x: float, y: float, curvature: float) -> tuple[float, float]:
+    """With centre (0, 1/c), the offset 1/c - distance to the centre is written so that c = 0 needs no special case."""
+    if abs(curvature) < 1e-9:
+        return x, y
+    bend = curvature * (x * x + y * y)
+    q = max(1.0 - curvature * (2.0 * y - bend), 0.0)
+    return math.atan2(curvature * x, 1.0 - curvature * y) / curvature, (2.0 * y - bend) / (1.0 + math.sqrt(q))
+
+
+@njit(cache=True, nogil=True)
+def _road_coordinates(points: FloatArray, curvature: float) -> tuple[FloatArray, FloatArray]:
+    along, across = np.empty(len(points)), np.empty(len(points))
+    for i in range(len(points)):
+        along[i], across[i] = _road_coordinate(points[i, 0], points[i, 1], curvature)
+    return along, across
+
+
+@njit(cache=True, nogil=True)
+def _candidates(
+    points: FloatArray, sensor_height: float, curvature: float
+) -> tuple[IntArray, FloatArray, FloatArray, FloatArray]:
+    """Index, road coordinates and height over the level ground below the car, of what may be ground or stand on it."""
+    count = len(points)
+    index = np.empty(count, dtype=np.int64)
+    along, across, height = np.empty(count), np.empty(count), np.empty(count)
+    kept = 0
+    reach = max(AHEAD_M, BEHIND_M)
+    for i in range(count):
+        x, y, z = float(points[i, 0]), float(points[i, 1]), float(points[i, 2]) + sensor_height
+        band = BAND_M + BAND_GRADE * (abs(x) + abs(y))
+        if z < -band or z > band + STANDING_M or abs(x) > reach or abs(y) > reach:
+            continue
+        s, t = _road_coordinate(x, y, curvature)
+        if -BEHIND_M < s < AHEAD_M and abs(t) < REACH_M:
+            index[kept], along[kept], across[kept], height[kept] = i, s, t, z
+            kept += 1
+    return index[:kept].copy(), along[:kept].copy(), across[:kept].copy(), height[:kept].copy()
+
+
+def _profile(along_m: FloatArray, across_m: FloatArray, height_m: FloatArray) -> FloatArray:
+    """Coefficients (3,) of 1, s, s^2 of the road's height along its middle; level where too little of it is seen."""
+    middle = np.abs(across_m) < MIDDLE_M
+    bins = np.floor((along_m[middle] + BEHIND_M) / BIN_M).astype(np.int64)
+    order = np.argsort(bins, kind="stable")
+    start = np.searchsorted(bins[order], np.arange(int((BEHIND_M + AHEAD_M) / BIN_M) + 1))
+    followed = _follow(height_m[middle][order], start)
+    known = np.flatnonzero(np.isfinite(followed))
+    if known.size < MIN_BINS:
+        return np.zeros(3)
+    s = (known + 0.5) * BIN_M - BEHIND_M
+    terms = np.stack([np.ones_like(s), s / AHEAD_M, np.square(s / AHEAD_M)], axis=1)
+    coefficients = fit_tukey(terms, followed[known], np.ones(known.size), cutoff_sd=4.685, floor_sd=BIN_SD_M)
+    return np.asarray(coefficients / np.array([1.0, AHEAD_M, AHEAD_M**2]))
+
+
+@njit(cache=True, nogil=True)
+def _follow(height: FloatArray, start: IntArray) -> FloatArray:
+    """Median height of each bin (NaN: none), taken among what lies near the line of the bins before it."""
+    bins = len(start) - 1
+    followed = np.full(bins, np.nan)
+    origin = int(BEHIND_M / BIN_M)
+    for direction in (1, -1):
+        level, slope, last = 0.0, 0.0, 0
+        for step in range(bins):
+            b = origin + direction * step if direction > 0 else origin - 1 - step
+            if b < 0 or b >= bins:
+                break
+            mine = height[start[b] : start[b + 1]]
+            band = STEP_BAND_M + STEP_BAND_GRADE * BIN_M * (step - last)
+            near = mine[np.abs(mine - level - slope * (step - last)) < band]
+            if len(near) < 3:
+                continue
+            median = np.median(near)
+            if last > 0:
+                slope += SLOPE_GAIN * ((median - level) / (step - last) - slope)
+            level, last = median, step
+            followed[b] = median
+    return followed

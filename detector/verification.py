@@ -1,0 +1,86 @@
+"""Which clusters are obstacles on the road: neither scenery, nor a shadow's edge, nor a ring's own error."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from detector.clusters import Cluster, Deviations, Surroundings, group, surroundings
+from detector.confidence import MIN_CONFIDENCE, confidence
+from detector.corridor import Corridor
+
+# Two points at 3.5 standard deviations each.
+MIN_EVIDENCE = 25.0
+# Beyond these ranges a wave of the road cannot be told from a low obstacle, nor a thing from the end of what is seen.
+MAX_LOW_RANGE_M = 32.0
+MAX_RANGE_M = 42.0
+# Obstacles on the road are shorter than a car and lower than its bonnet; only a low hump lies across the road.
+MAX_EXTENT_M = 2.5
+MAX_HEIGHT_M = 0.6
+HUMP_HEIGHT_M = 0.15
+HUMP_MIN_WIDTH_M = 1.0
+EDGE_MARGIN_M = 0.05
+# A stripe along one ring, longer than the gap to the rings beside it is wide, is that ring's own error.
+MAX_STRIPE_RATIO = 2.2
+# A hump may be as wide as a 3.5 m lane; the shortest made are 0.4 m long.
+MAX_HUMP_RATIO = 9.0
+# Where the car hides the road before a hole, its own edge is seen and not a rim.
+MIN_COVERED = 0.6
+NARROW_M = 0.2
+# Hits over the density of the road around them: what is hit of the smallest hole that is looked for.
+MIN_HOLE_AREA_M2 = 0.01
+# Around an obstacle the road is less than this share of it off the surface; more, and the surface is off.
+MAX_BESIDE_SHARE = 0.6
+# Behind what stands on the road begins its shadow, not a hole.
+MIN_STANDING_SHARE = 0.1
+
+
+def find_clusters(deviations: Deviations, candidates: np.ndarray, corridor: Corridor) -> list[Cluster]:
+    """Clusters among the candidate points (mask (N,)) that are likely obstacles on the road, holes first."""
+    found: list[Cluster] = []
+    for is_negative, flagged in ((True, deviations.below), (False, deviations.above)):
+        groups = group(deviations, flagged & candidates)
+        if not groups:
+            continue
+        around = surroundings(deviations, groups, is_negative, corridor)
+        sure = np.where(plausible(around, is_negative), confidence(around, is_negative), 0.0)
+        found += [Cluster(groups[c], is_negative, float(sure[c])) for c in np.flatnonzero(sure >= MIN_CONFIDENCE)]
+    return found
+
+
+def plausible(around: Surroundings, is_negative: bool) -> np.ndarray:
+    """Mask (C,) of the clusters that pass for obstacles."""
+    enough = around.evidence >= MIN_EVIDENCE
+    return np.asarray(enough & (_is_hole(around) if is_negative else _is_rise(around)))
+
+
+def _is_hole(around: Surroundings) -> np.ndarray:
+    """A hole is closed: road is seen on all four sides, as high as the surface, and nothing stands before it."""
+    seen = (around.side_count > 0).all(axis=1)
+    small = np.maximum(around.extent_along_m, around.extent_across_m) < MAX_EXTENT_M
+    level = around.side_mean_m.max(axis=1) < MAX_BESIDE_SHARE * around.relief_m
+    unshadowed = around.side_standing[:, 0] < MIN_STANDING_SHARE * around.side_count[:, 0]
+    inside = (around.edge_m > EDGE_MARGIN_M) & (around.range_m < MAX_LOW_RANGE_M)
+    covered = around.count > MIN_HOLE_AREA_M2 * around.density_per_m2
+    closed = (around.covered > MIN_COVERED) | (around.extent_across_m < NARROW_M)
+    return np.asarray(
+        seen & small & level & unshadowed & inside & covered & closed & ~_is_stripe(around, MAX_STRIPE_RATIO)
+    )
+
+
+def _is_stripe(around: Surroundings, ratio: float) -> np.ndarray:
+    return np.asarray(around.extent_across_m > ratio * around.gap_m)
+
+
+def _is_rise(around: Surroundings) -> np.ndarray:
+    """Road is seen before a rise and, but for a hump from edge to edge, beside it; behind only what is low."""
+    share = around.side_mean_m / around.relief_m[:, None]
+    before, behind, left, right = (share[:, k] < MAX_BESIDE_SHARE for k in range(4))
+    seen = around.side_count > 0
+    low = around.peak_m < HUMP_HEIGHT_M
+    across = around.extent_across_m
+    is_hump = low & (across > HUMP_MIN_WIDTH_M) & (across > around.extent_along_m)
+    small = (around.extent_along_m < MAX_EXTENT_M) & (around.peak_m < MAX_HEIGHT_M)
+    alone = (across < MAX_EXTENT_M) & (around.edge_m > EDGE_MARGIN_M) & ((seen[:, 2] & left) | (seen[:, 3] & right))
+    near = around.range_m < np.where(low, MAX_LOW_RANGE_M, MAX_RANGE_M)
+    sound = seen[:, 1] & behind & ~_is_stripe(around, MAX_HUMP_RATIO)
+    return np.asarray(small & near & seen[:, 0] & before & (is_hump | alone) & (~low | sound))
