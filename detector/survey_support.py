@@ -11,12 +11,12 @@ from detector.survey_road import Relief
 from detector.types import FloatArray
 
 # The road's own waves reach this many of their standard deviations.
-WAVE_SD = 2.0
+WAVE_SD = 1.0
 # Depth from which a point of a hole may lie, in standard deviations: a hole has no depth of its own at its rim.
 RIM_SD = 1.0
 MAX_LOG_RATIO = 8.0
 # Weight of the neighbours' opinion, and their reach in cells.
-NEIGHBOUR_WEIGHT = 1.0
+NEIGHBOUR_WEIGHT = 2.0
 NEIGHBOUR_CELLS = 1.5
 SWEEPS = 6
 

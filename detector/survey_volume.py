@@ -10,16 +10,22 @@ from detector.survey_grid import smooth
 from detector.survey_road import FINE_CELLS, Relief
 from detector.types import FloatArray, IntArray
 
+# What fills a hole runs out on its apron; what lies below the road farther from the outline is another matter.
+APRON_M = 0.04
+# A straight-edge that levels the filling rides on the road's high points: one standard deviation of its waves.
+LEVEL_SD = 1.0
+
 
 def volume_below(relief: Relief, holes: IntArray, support: NDArray[np.bool_]) -> FloatArray:
-    """Volume in m3 (K + 1,) of the holes numbered 1..K in a map (R, C), with what lies below the road around them.
+    """Volume in m3 (K + 1,) of the holes numbered 1..K in a map (R, C), as sand that is struck off level would show.
 
-    Cells without points take the depth of their neighbours; each cell counts for the nearest hole.
+    `support` (N,) are the points below the road around the holes. Cells without points take the depth of their
+    neighbours; a cell between holes counts for the nearest.
     """
     depth, _ = smooth(relief.depth_map_m, (relief.count > 0).astype(np.float64), FINE_CELLS)
-    mass = relief.grid.mean(relief.cells, support.astype(np.float64), relief.count)
-    counted = (mass > 0.0) | (holes > 0)
-    row, column = distance_transform_edt(holes == 0, return_distances=False, return_indices=True)
-    nearest = holes[row, column]
-    volume = np.bincount(nearest[counted], weights=depth[counted], minlength=int(holes.max()) + 1)
+    supported = relief.grid.mean(relief.cells, support.astype(np.float64), relief.count) > 0.0
+    away, (row, column) = distance_transform_edt(holes == 0, return_indices=True)
+    counted = (holes > 0) | (supported & (away * relief.grid.cell_m < APRON_M))
+    filled = depth[counted] + LEVEL_SD * relief.wave_m
+    volume = np.bincount(holes[row, column][counted], weights=filled, minlength=int(holes.max()) + 1)
     return np.asarray(volume * relief.grid.cell_m**2)

@@ -56,7 +56,7 @@ def read_mould(path: Path) -> FloatArray:
     import open3d
 
     with open3d.utility.VerbosityContextManager(open3d.utility.VerbosityLevel.Error):
-        points = np.asarray(open3d.io.read_point_cloud(str(path)).points, dtype=np.float64)
+        points = np.asarray(open3d.io.read_point_cloud(path).points, dtype=np.float64)
     points = points[np.isfinite(points).all(axis=1)]
     if len(points) < 100:
         raise ScanError(f"{path}: {len(points)} points were read: a PLY cloud of a pothole is expected")

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import typer
 
+from headsup.evaluate.figures_command import evaluate_figures
+
 evaluate_app = typer.Typer(
     help="Make the figures of the tables anew: from real data, and from the simulator's truth.",
     no_args_is_help=True,
@@ -14,3 +16,6 @@ evaluate_app = typer.Typer(
 @evaluate_app.callback()
 def evaluate() -> None:
     """Make the figures of the tables anew: from real data, and from the simulator's truth."""
+
+
+evaluate_app.command("figures")(evaluate_figures)
