@@ -4,6 +4,10 @@ from __future__ import annotations
 
 import typer
 
+from headsup.evaluate.table1_command import table1
+from headsup.evaluate.table2_command import table2
+from headsup.evaluate.volume_command import volume
+
 from headsup.evaluate.figures_command import evaluate_figures
 
 evaluate_app = typer.Typer(
@@ -19,3 +23,8 @@ def evaluate() -> None:
 
 
 evaluate_app.command("figures")(evaluate_figures)
+
+
+evaluate_app.command("table1")(table1)
+evaluate_app.command("table2")(table2)
+evaluate_app.command("volume")(volume)
