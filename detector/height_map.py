@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.ndimage import gaussian_filter, label
-from skimage.draw import polygon2mask
+from numba import njit
+from scipy.ndimage import label
 from skimage.measure import find_contours
 
-from detector.types import FloatArray
+from detector.types import FloatArray, IntArray
 
 CELL_M = 0.02
 SIGMA_M = 0.03
@@ -30,25 +31,7 @@ class Grid:
         """Number of cells along one side."""
         return round(2.0 * self.half_size_m / CELL_M)
 
-    def smooth_count(self, xy_m: FloatArray, weight: FloatArray | None = None, sigma_m: float = SIGMA_M) -> Map:
-        """Sum (G, G) of the (weighted) samples (N, 2), each spread by a Gaussian."""
-        n = self.cells
-        index = np.floor((xy_m + self.half_size_m) / CELL_M).astype(np.int64)
-        inside = ((index >= 0) & (index < n)).all(axis=1)
-        cell = index[inside, 0] * n + index[inside, 1]
-        chosen = None if weight is None else weight[inside]
-        total = np.bincount(cell, weights=chosen, minlength=n * n).astype(np.float64).reshape(n, n)
-        return np.asarray(gaussian_filter(total, sigma_m / CELL_M, mode="constant", truncate=3.5), dtype=np.float64)
-
-    def cell_means(self, xy_m: FloatArray, values: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Centres (M, 2) of the cells that were hit and the mean (M,) of the samples in each."""
-        index = np.floor((xy_m + self.half_size_m) / CELL_M).astype(np.int64)
-        hit, cell = np.unique(index, axis=0, return_inverse=True)
-        mean = np.bincount(cell.ravel(), weights=values) / np.bincount(cell.ravel())
-        centres = (hit.astype(np.float64) + 0.5) * CELL_M - self.half_size_m
-        return centres, np.asarray(mean, dtype=np.float64)
-
-    def kernel_at(self, distance_m: float, sigma_m: float = SIGMA_M) -> float:
+    def kernel_at(self, distance_m: float, sigma_m: float) -> float:
         """Smoothed count that one hit makes at a distance from it."""
         return float((CELL_M / sigma_m) ** 2 / (2.0 * np.pi) * np.exp(-0.5 * (distance_m / sigma_m) ** 2))
 
@@ -56,16 +39,35 @@ class Grid:
         """Coordinate (G,) of the cells' centres along one axis."""
         return (np.arange(self.cells, dtype=np.float64) + 0.5) * CELL_M - self.half_size_m
 
+    def cell_of(self, xy_m: FloatArray) -> tuple[IntArray, IntArray]:
+        """Row and column (N,) of the cells of places (N, 2), those beyond the grid at its edge."""
+        index = np.clip(np.floor((xy_m + self.half_size_m) / CELL_M).astype(np.int64), 0, self.cells - 1)
+        return index[:, 0], index[:, 1]
+
     def inside(self, polygon_m: FloatArray) -> np.ndarray:
         """Mask (G, G) of the cells whose centre lies in a polygon (K, 2)."""
-        return np.asarray(polygon2mask((self.cells, self.cells), (polygon_m + self.half_size_m) / CELL_M - 0.5))
+        return np.asarray(_fill((polygon_m + self.half_size_m) / CELL_M - 0.5, self.cells))
 
 
-def smooth_mean(grid: Grid, xy_m: FloatArray, values: FloatArray) -> Map:
-    """Gaussian mean (G, G) of samples; 0, the road, where none is near."""
-    count = grid.smooth_count(xy_m)
-    total = grid.smooth_count(xy_m, values)
-    return np.where(count > grid.kernel_at(SUPPORT_SIGMAS * SIGMA_M), total / np.maximum(count, 1e-12), 0.0)
+@njit(cache=True, nogil=True)
+def _fill(corners: FloatArray, cells: int) -> np.ndarray:
+    """Even-odd rule along each row of cells; corners (K, 2) in cells."""
+    inside = np.zeros((cells, cells), dtype=np.bool_)
+    for k in range(len(corners)):
+        x0, y0 = corners[k - 1]
+        x1, y1 = corners[k]
+        if x0 > x1:
+            x0, y0, x1, y1 = x1, y1, x0, y0
+        for row in range(max(0, math.ceil(x0)), min(cells - 1, math.ceil(x1) - 1) + 1):
+            crossing = y0 + (y1 - y0) * (row - x0) / (x1 - x0)
+            for column in range(max(0, math.ceil(crossing)), cells):
+                inside[row, column] = not inside[row, column]
+    return inside
+
+
+def mean_map(grid: Grid, count: Map, total: Map, sigma_m: float) -> Map:
+    """Gaussian mean (G, G) from the smoothed number and sum of samples; 0, the road, where none is near."""
+    return np.where(count > grid.kernel_at(SUPPORT_SIGMAS * sigma_m, sigma_m), total / np.maximum(count, 1e-12), 0.0)
 
 
 def region_of(relief_m: Map, grid: Grid, threshold_m: float, seed_radius_m: float) -> np.ndarray | None:

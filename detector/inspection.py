@@ -14,8 +14,9 @@ from scipy.ndimage import label
 
 from detector.accumulator import PlaceHits
 from detector.height_map import CELL_M as MAP_CELL_M
-from detector.height_map import Grid, smooth_mean
-from detector.local_surface import local_residuals
+from detector.height_map import Grid, Map
+from detector.local_surface import Levelled, levelled
+from detector.pass_maps import relief_map
 from detector.robust import robust_sd
 from detector.types import FloatArray
 
@@ -86,12 +87,11 @@ def inspect(hits: PlaceHits, place: KnownPlace) -> PlaceVerdict:
     filled, visible = _coverage(hits, place)
     if hits.frames < MIN_FRAMES or len(hits.points_m) < MIN_HITS_PER_M2:
         return PlaceVerdict("not_visible", visible, "too few sweeps or hits at the place")
-    residual = local_residuals(hits)
-    relief = -residual if place.is_negative else residual
-    found = _found(hits, place, relief)
+    level = levelled(hits)
+    found = _found(hits, level, place)
     if found == "present":
         return PlaceVerdict("present", visible, "an obstacle of this sign and size lies here")
-    blind = _why_blind(hits, place, residual, filled)
+    blind = _why_blind(hits, level, place, filled)
     if blind is not None:
         return PlaceVerdict("not_visible", visible, blind)
     if found == "unsure":
@@ -122,54 +122,46 @@ def _coverage(hits: PlaceHits, place: KnownPlace) -> tuple[float, float]:
     return float(hit.ravel()[needed].mean()), float(hit.ravel()[core].mean())
 
 
-def _found(hits: PlaceHits, place: KnownPlace, relief: FloatArray) -> Literal["present", "unsure", "empty"]:
+def _found(hits: PlaceHits, level: Levelled, place: KnownPlace) -> Literal["present", "unsure", "empty"]:
     """Whether the map of depth or height shows the obstacle, a trace of something, or nothing."""
     grid = Grid(hits.half_size_m)
-    relief_map = smooth_mean(grid, hits.points_m[:, :2] - hits.centre_odom_m, relief)
+    relief = relief_map(level.xy_m, -level.height_m if place.is_negative else level.height_m, grid)
     axis = grid.centres_m()
     centres = np.stack(np.meshgrid(axis, axis, indexing="ij"), axis=-1).reshape(-1, 2) + hits.centre_odom_m
-    searched = _in_box(centres, place, place.reach_m).reshape(relief_map.shape)
+    searched = _in_box(centres, place, place.reach_m).reshape(relief.shape)
     box_area = place.length_m * place.width_m
-    if _largest_area(relief_map, searched, max(PRESENT_RELIEF * place.relief_m, MIN_RELIEF_M)) > (
-        PRESENT_AREA * box_area
-    ):
+    if _largest_area(relief, searched, max(PRESENT_RELIEF * place.relief_m, MIN_RELIEF_M)) > PRESENT_AREA * box_area:
         return "present"
-    trace = _largest_area(relief_map, searched, max(ABSENT_RELIEF * place.relief_m, MIN_RELIEF_M))
+    trace = _largest_area(relief, searched, max(ABSENT_RELIEF * place.relief_m, MIN_RELIEF_M))
     return "unsure" if trace > ABSENT_AREA * box_area else "empty"
 
 
-def _largest_area(relief_map: FloatArray, searched: np.ndarray, threshold_m: float) -> float:
+def _largest_area(relief: Map, searched: np.ndarray, threshold_m: float) -> float:
     """Area in square metres of the largest connected region above a threshold, inside what is searched."""
-    labels, count = label((relief_map > threshold_m) & searched)
+    labels, count = label((relief > threshold_m) & searched)
     return float(np.bincount(labels.ravel())[1:].max()) * MAP_CELL_M**2 if count else 0.0
 
 
-def _why_blind(hits: PlaceHits, place: KnownPlace, residual: FloatArray, filled: float) -> str | None:
+def _why_blind(hits: PlaceHits, level: Levelled, place: KnownPlace, filled: float) -> str | None:
     """Why an obstacle of this size might have been missed; None if it would have been seen."""
     if not place.is_at_least(SMALL_M):
         return "smaller than any obstacle whose absence can be seen"
     steepness = LARGE_STEEPNESS if place.is_at_least(LARGE_M) else SMALL_STEEPNESS
-    near = _in_box(hits.points_m[:, :2], place, place.reach_m + BORDER_M)
+    near = _in_box(hits.centre_odom_m + level.xy_m, place, place.reach_m + BORDER_M)
     area = (place.length_m + 2 * (place.reach_m + BORDER_M)) * (place.width_m + 2 * (place.reach_m + BORDER_M))
     if near.sum() < MIN_HITS_PER_M2 * area:
         return "too few hits"
-    if np.median(_tangents(hits)[near]) < steepness:
+    if np.median(level.tangent[near]) < steepness:
         return "seen too flat for its size"
     if filled < MIN_FILLED:
         return "part of the place was hidden"
-    if _cell_noise(hits, residual) > MAX_CELL_NOISE_M:
+    if _cell_noise(level) > MAX_CELL_NOISE_M:
         return "too noisy for its size"
     return None
 
 
-def _tangents(hits: PlaceHits) -> FloatArray:
-    """Tangent (N,) of each ray's angle to the horizontal."""
-    to_sensor = hits.origins_m[hits.frame] - hits.points_m
-    return np.abs(to_sensor[:, 2]) / np.maximum(np.hypot(to_sensor[:, 0], to_sensor[:, 1]), 1e-6)
-
-
-def _cell_noise(hits: PlaceHits, residual: FloatArray) -> float:
-    """Robust standard deviation of the mean residuals of the 0.1 m cells."""
-    index = np.floor((hits.points_m[:, :2] - hits.centre_odom_m) / CELL_M).astype(np.int64)
+def _cell_noise(level: Levelled) -> float:
+    """Robust standard deviation of the mean heights of the 0.1 m cells."""
+    index = np.floor(level.xy_m / CELL_M).astype(np.int64)
     _, cell = np.unique(index, axis=0, return_inverse=True)
-    return robust_sd(np.bincount(cell.ravel(), weights=residual) / np.bincount(cell.ravel()))
+    return robust_sd(np.bincount(cell.ravel(), weights=level.height_m) / np.bincount(cell.ravel()))
