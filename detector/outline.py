@@ -36,7 +36,7 @@ CORE_SHARE = 0.3
 # Greatest depth: so much of the hits is shallower, and noise adds so many of its standard deviations to that.
 EXTREME_SHARE, EXTREME_SDS = 0.98, 1.3
 # Seen evenly, that quantile is 0.93 to 0.99 of the deepest place of real potholes (gypsum scans), 0.90 to 0.93 of
-# simulated ones, 1 of a level floor; rays see what is deep less often: 0.91 of that in passes. Tops of rises: 0.9.
+# simulated ones, 1 of a level floor; rays see what is deep less often: 0.91 of that in passes. Tops of bumps: 0.9; things are flat.
 SEEN_SHARE = 0.9
 # In the shadow behind a rise, its last hits speak for this many sigmas around them.
 HIT_REACH_SIGMAS = 1.6
@@ -197,7 +197,8 @@ def _outline(maps: _Maps, group: int | None, kind: ObstacleKind, polygon: FloatA
         return None
     extreme = max(float(np.quantile(relief, EXTREME_SHARE)) - EXTREME_SDS * maps.noise_m, 0.0)
     centroid = polygon_moments(polygon).centroid_m
-    return Outline(kind, polygon, centroid, box, extreme / SEEN_SHARE, maps.relief(group), inside)
+    greatest = extreme if kind is ObstacleKind.DEBRIS else extreme / SEEN_SHARE
+    return Outline(kind, polygon, centroid, box, greatest, maps.relief(group), inside)
 
 
 def _least_rectangle(polygon: FloatArray) -> Box:
