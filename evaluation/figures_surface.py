@@ -71,6 +71,8 @@ def draw_surface(path: Path, survey: Survey) -> None:
     inside = detection.labels == PointClass.OBSTACLE
     axes[3].scatter(points[inside, 0], points[inside, 1], s=0.5, c="#f0241a", linewidths=0, alpha=0.5, rasterized=True)
     draw_boxes(axes[3], detection.obstacles)
+    axes[3].set_xlim(extent[0], extent[1])
+    axes[3].set_ylim(extent[2], extent[3])
     save(figure, path)
 
 

@@ -27,8 +27,8 @@ def evaluate_figures(
     """Draw the figures: scans at four densities, stereo frames, LiDAR frames, and a pothole's surface.
 
     Two come from the simulator and need no data: lidar_simulated.png and surface_simulated.png. For what is found in
-    DIR there are more: scan.png and scan_noise.png (potholes/*.ply), surface_camera.png (pothole_rgbd/*.ply) and
-    lidar_kitti.png (kitti_sequence/velodyne/*.bin).
+    DIR there are more: scan.png and scan_noise.png (potholes/*.ply), stereo.png (stereo/dataset*/NN_disparity.png),
+    surface_camera.png (pothole_rgbd/*.ply) and lidar_kitti.png (kitti_sequence/velodyne/*.bin).
 
     Examples:
 
@@ -70,6 +70,8 @@ def _from_data(data: Path, seed: int) -> list[Drawing]:
     for scan in sorted((data / "potholes").glob("*.ply"))[:1]:
         drawings.append(("scan.png", partial(_draw_scan, scan, 0.0, seed)))
         drawings.append(("scan_noise.png", partial(_draw_scan, scan, 0.5, seed)))
+    if list(data.glob("stereo/dataset*/*_disparity.png")):
+        drawings.append(("stereo.png", partial(_draw_stereo, data)))
     for cloud in sorted((data / "pothole_rgbd").glob("*.ply"))[:1]:
         drawings.append(("surface_camera.png", partial(_draw_camera, cloud)))
     for sweep in sorted((data / "kitti_sequence" / "velodyne").glob("*.bin"))[:1]:
@@ -82,6 +84,12 @@ def _draw_scan(scan: Path, noise_mm: float, seed: int, path: Path) -> None:
     from evaluation.figures_scan import draw_scan
 
     draw_scan(path, read_mould(scan), scan.stem, noise_mm, seed)
+
+
+def _draw_stereo(data: Path, path: Path) -> None:
+    from evaluation.figures_stereo import draw_stereo, first_frames
+
+    draw_stereo(path, first_frames(data))
 
 
 def _draw_camera(cloud: Path, path: Path) -> None:
