@@ -26,16 +26,31 @@ PANEL_PT = 205.0
 METRES_PER_MM = 1e-3
 
 
-def draw_scan(path: Path, mould_mm: FloatArray, source: str, noise_mm: float, seed: int) -> None:
-    """Four rows of densities of one scan (N, 3), set into a flat road, with noise on every point."""
+def draw_scan(
+    path: Path,
+    mould_mm: FloatArray,
+    source: str,
+    noise_mm: float,
+    seed: int,
+    densities_percent: tuple[int, ...] = DENSITIES_PERCENT,
+) -> None:
+    """A row for each density of one scan (N, 3), set into a flat road, with noise on every point."""
     rng = np.random.default_rng(seed)
     whole = compose(mould_mm, FLAT, rng)
     subtitle = f"{source}, noise {noise_mm:g} mm, seed {seed}; RP, RR: share of pothole and road points called so"
-    figure = new_figure(13.0, 13.6, "A scanned pothole at four densities", subtitle)
+    height = 1.0 + 3.15 * len(densities_percent)
+    figure = new_figure(13.0, height, "A scanned pothole, thinner and thinner", subtitle)
     grid = figure.add_gridspec(
-        len(DENSITIES_PERCENT), 4, left=0.05, right=0.99, top=0.925, bottom=0.03, wspace=0.04, hspace=0.16
+        len(densities_percent),
+        4,
+        left=0.05,
+        right=0.99,
+        top=1.0 - 1.0 / height,
+        bottom=0.4 / height,
+        wspace=0.04,
+        hspace=0.16,
     )
-    for row, density in enumerate(DENSITIES_PERCENT):
+    for row, density in enumerate(densities_percent):
         scene = degrade(whole, density, noise_mm, rng)
         axes = [figure.add_subplot(grid[row, column]) for column in range(4)]
         _draw_row(axes, scene, VOXEL_MM / math.sqrt(math.sqrt(density / 100.0)), first=row == 0)
