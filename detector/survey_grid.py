@@ -6,7 +6,8 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.ndimage import gaussian_filter
+from numpy.typing import NDArray
+from scipy.ndimage import gaussian_filter, label
 
 from detector.types import FloatArray, IntArray
 
@@ -90,6 +91,12 @@ def make_grid(xy_m: FloatArray, cell_m: float) -> Grid:
     cell = max(cell_m, math.sqrt(float(span[0] * span[1]) / limit))
     columns, rows = (int(span[k] / cell) + 1 for k in (0, 1))
     return Grid(low, cell, (rows, columns))
+
+
+def components_of(mask: NDArray[np.bool_], *, diagonal: bool = False) -> tuple[IntArray, int]:
+    """Numbers 1..K of the connected cells of a mask (R, C), 0 elsewhere, and K."""
+    numbers, count = label(mask, structure=np.ones((3, 3)) if diagonal else None)
+    return np.asarray(numbers, dtype=np.int64), int(count)
 
 
 def smooth(values: FloatArray, certainty: FloatArray, sigma_cells: float) -> tuple[FloatArray, FloatArray]:

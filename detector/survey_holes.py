@@ -6,10 +6,10 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import binary_dilation, binary_opening, label, maximum_position
+from scipy.ndimage import binary_dilation, binary_opening, maximum_position
 
-from detector.survey_grid import smooth
-from detector.survey_outline import Outline, contour_families, slope_of, steepest
+from detector.survey_grid import components_of, smooth
+from detector.survey_outline import Outline, contour_families, outline_around, slope_of
 from detector.survey_road import FINE_CELLS, Relief
 from detector.types import FloatArray, IntArray
 
@@ -44,7 +44,7 @@ def find_holes(relief: Relief) -> list[Hole]:
     """Holes of a relief, deepest first; where its depths are heights, what rises."""
     occupied = (relief.count > 0).astype(np.float64)
     depth, certainty = smooth(relief.depth_map_m, occupied, FINE_CELLS)
-    seeds, count = label(depth > SEED_SD * relief.wave_m)
+    seeds, count = components_of(depth > SEED_SD * relief.wave_m)
     places = _places(depth, seeds, count, RECOGNISED_SD * relief.wave_m)
     if not places:
         return []
@@ -55,7 +55,7 @@ def find_holes(relief: Relief) -> list[Hole]:
     taken = np.zeros(depth.shape, dtype=bool)
     holes = []
     for place in places:
-        outline = None if taken[place] else steepest(families, place, taken, float(occupied.sum()))
+        outline = None if taken[place] else outline_around(families, place, taken, float(occupied.sum()))
         if outline is None:
             continue
         taken[outline.extent] |= outline.mask

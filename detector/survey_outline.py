@@ -1,8 +1,9 @@
-"""Outlines of holes in a map of depth: of all levels, the one whose contour is steepest.
+"""Outlines of holes in a map of depth: of all levels, the one in the middle of the evidence for an edge.
 
 A blurred step is steepest where the step is, whatever the blur; a worn apron is flatter than the broken edge inside it.
 Levels are shares of the depth nearby and not of the whole hole's, so that a shallow bay keeps its own rim beside a
-deep core.
+deep core. Each level weighs by how steep and how compact its contour is, and the median level is the outline: where
+two edges run around a hole, it lies between them instead of at whichever is a little steeper.
 """
 
 from __future__ import annotations
@@ -11,8 +12,9 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import find_objects, gaussian_filter, grey_dilation, label, sobel
+from scipy.ndimage import find_objects, gaussian_filter, grey_dilation, sobel
 
+from detector.survey_grid import components_of
 from detector.types import FloatArray, IntArray
 
 MaskArray = NDArray[np.bool_]
@@ -20,15 +22,12 @@ MaskArray = NDArray[np.bool_]
 # Shares of the depth nearby among which the steepest contour is sought.
 SHARES = np.arange(0.05, 0.81, 0.05)
 # A bay wider than a tyre is part of the hole in its own right; what is narrower belongs to its rim.
-NEARBY_M = 0.15
+NEARBY_M = 0.2
 COARSE_CELLS = 4
-# Slopes along a contour are alike over this many cells, the reach of the smoothing.
-ALIKE_CELLS = 8.0
-# A blurred step lies at half its height; how far from it a level is still believed.
-EDGE_SHARE = 0.5
-EDGE_SHARE_SD = 0.2
-# Exponent of 4 pi area / perimeter^2: holes break out in one piece, aprons and cracks run off.
-COMPACT_EXPONENT = 0.5
+# Weight of a level: slope of the relative depth along its contour, and compactness 4 pi area / perimeter^2; holes break
+# out in one piece, aprons and cracks run off.
+SLOPE_EXPONENT = 2.0
+COMPACT_EXPONENT = 1.0
 # Walls that hide part of the hole are steeper than any ray: their rim is where the slope begins, at half its greatest.
 HIDDEN_SHARE = 0.05
 HIDDEN_SLOPE_SHARE = 0.5
@@ -50,8 +49,9 @@ class Outline:
 class Family:
     """What lies deeper than one share of the depth nearby: components (R, C) with their extents.
 
-    For each component its number of cells, of rim cells, of gap cells, the mean slope of its rim, the mean's standard
-    error."""
+    For each component its number of cells, of rim cells, of gap cells, and the means along its rim of the slope and of
+    the slope of the depth relative to the depth nearby.
+    """
 
     components: IntArray
     extents: list[tuple[slice, slice]]
@@ -59,7 +59,7 @@ class Family:
     rim_cells: FloatArray
     gap_cells: FloatArray
     slope: FloatArray
-    slope_error: FloatArray
+    relative_slope: FloatArray
 
 
 def slope_of(depth_m: FloatArray, cell_m: float) -> FloatArray:
@@ -75,35 +75,32 @@ def contour_families(
     Nothing shallower than `least_m` belongs to any.
     """
     nearby = _depth_nearby(np.maximum(depth_m, 0.0), NEARBY_M / cell_m)
-    return [_family(depth_m > np.maximum(share * nearby, least_m), gaps, slope) for share in SHARES]
+    relative = slope_of(depth_m / np.maximum(nearby, least_m), cell_m)
+    return [_family(depth_m > np.maximum(share * nearby, least_m), gaps, slope, relative) for share in SHARES]
 
 
-def steepest(families: list[Family], place: tuple[int, int], taken: MaskArray, map_cells: float) -> Outline | None:
+def outline_around(
+    families: list[Family], place: tuple[int, int], taken: MaskArray, map_cells: float
+) -> Outline | None:
     """Outline around a place (row, column) that leaves alone what is taken (R, C); None where no level has one."""
     outlines = [_around(family, place) for family in families]
     free = np.array([o is not None and not (taken[o.extent] & o.mask).any() for o in outlines])
-    if not free.any():
-        return None
     numbers = np.array([family.components[place] for family in families]) * free
-    values = np.array(
-        [
-            (f.cells[n], f.rim_cells[n], f.gap_cells[n], f.slope[n], f.slope_error[n]) if n else np.zeros(5)
-            for f, n in zip(families, numbers, strict=True)
-        ]
-    )
-    cells, rim, gap, slope, error = values.T
+    values = [
+        (f.cells[n], f.rim_cells[n], f.gap_cells[n], f.slope[n], f.relative_slope[n])
+        if n
+        else (0.0, 1.0, 0.0, 0.0, 0.0)
+        for f, n in zip(families, numbers, strict=True)
+    ]
+    cells, rim, gap, slope, relative = np.array(values).T
     fits = (cells - gap >= MIN_CELLS) & (cells <= MAX_AREA_SHARE * map_cells)
     if not fits.any():
         return None
     compact = 4.0 * np.pi * cells / np.square(np.maximum(rim, 1.0))
-    prior = np.exp(-0.5 * np.square((SHARES - EDGE_SHARE) / EDGE_SHARE_SD))
-    score = np.where(fits, _three_point_mean(slope) * prior * compact**COMPACT_EXPONENT, 0.0)
-    best = int(np.argmax(score))
-    if gap[best] > HIDDEN_SHARE * cells[best]:
+    weight = np.where(fits, relative**SLOPE_EXPONENT * compact**COMPACT_EXPONENT, 0.0)
+    chosen = _weighted_median(weight)
+    if gap[chosen] > HIDDEN_SHARE * cells[chosen]:
         chosen = int(np.argmax(np.where(fits, slope, 0.0) >= HIDDEN_SLOPE_SHARE * slope[fits].max()))
-    else:
-        # Of the levels that the scatter of slopes cannot tell from the best, the outermost.
-        chosen = int(np.argmax(score >= score[best] * (1.0 - error[best] / max(slope[best], 1e-12))))
     return outlines[chosen]
 
 
@@ -115,10 +112,18 @@ def _around(family: Family, place: tuple[int, int]) -> Outline | None:
     return Outline(extent, family.components[extent] == number, float(family.slope[number]))
 
 
-def _family(deep: MaskArray, gaps: MaskArray, slope: FloatArray) -> Family:
+def _weighted_median(weight: FloatArray) -> int:
+    """Index that half of the weight lies before, among those with any."""
+    if weight.sum() <= 0.0:
+        return int(np.argmax(weight))
+    middle = int(np.searchsorted(np.cumsum(weight), 0.5 * weight.sum()))
+    candidates = np.flatnonzero(weight > 0.0)
+    return int(candidates[np.argmin(np.abs(candidates - middle))])
+
+
+def _family(deep: MaskArray, gaps: MaskArray, slope: FloatArray, relative: FloatArray) -> Family:
     deep = _filled(deep | gaps)
-    components, count = label(deep)
-    components = np.asarray(components, dtype=np.int64)
+    components, count = components_of(deep)
     rim = _rim(deep) & ~gaps
 
     def total(mask: MaskArray, weights: FloatArray | None = None) -> FloatArray:
@@ -126,15 +131,14 @@ def _family(deep: MaskArray, gaps: MaskArray, slope: FloatArray) -> Family:
         return np.bincount(components[mask], weights=values, minlength=count + 1).astype(np.float64)
 
     n = np.maximum(total(rim), 1.0)
-    mean = total(rim, slope) / n
-    scatter = np.maximum(total(rim, np.square(slope)) / n - mean * mean, 0.0)
-    error = np.sqrt(scatter * ALIKE_CELLS / n)
-    return Family(components, find_objects(components), total(deep), n, total(deep & gaps), mean, error)
+    extents = [(rows, columns) for rows, columns in find_objects(components)]
+    means = (total(rim, slope) / n, total(rim, relative) / n)
+    return Family(components, extents, total(deep), n, total(deep & gaps), *means)
 
 
 def _filled(mask: MaskArray) -> MaskArray:
     """The mask with what it encloses."""
-    outside, count = label(~mask)
+    outside, count = components_of(~mask)
     open_ends = np.zeros(count + 1, dtype=bool)
     for line in (outside[0], outside[-1], outside[:, 0], outside[:, -1]):
         open_ends[line] = True
@@ -159,7 +163,3 @@ def _depth_nearby(depth_m: FloatArray, reach_cells: float) -> FloatArray:
     smoothed = gaussian_filter(widest, reach / 3.0, mode="nearest")
     full = np.repeat(np.repeat(smoothed, COARSE_CELLS, axis=0), COARSE_CELLS, axis=1)
     return np.asarray(full[: depth_m.shape[0], : depth_m.shape[1]])
-
-
-def _three_point_mean(values: FloatArray) -> FloatArray:
-    return np.convolve(np.pad(values, 1, mode="edge"), [0.25, 0.5, 0.25], mode="valid")

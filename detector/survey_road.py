@@ -139,7 +139,7 @@ def _reweighted(terms: FloatArray, z: FloatArray, weight: FloatArray, start: Flo
         residual = z - terms @ coefficients
         spread = max(MAD_TO_SD * float(np.median(np.abs(residual))), floor)
         w = weight * tukey_weight(residual, TUKEY_SD * spread)
-        coefficients = np.linalg.lstsq(terms * np.sqrt(w)[:, None], z * np.sqrt(w), rcond=1e-9)[0]
+        coefficients = np.asarray(np.linalg.lstsq(terms * np.sqrt(w)[:, None], z * np.sqrt(w), rcond=1e-9)[0])
     return coefficients
 
 

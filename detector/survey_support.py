@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import label
 
-from detector.survey_grid import smooth
+from detector.survey_grid import components_of, smooth
 from detector.survey_road import Relief
 from detector.types import FloatArray
 
@@ -36,7 +35,7 @@ def below_road(relief: Relief, inside: NDArray[np.bool_]) -> NDArray[np.bool_]:
         probability = 1.0 / (1.0 + np.exp(-ratio - NEIGHBOUR_WEIGHT * np.log(share / (1.0 - share))))
     below = probability > 0.5
     mass = relief.grid.mean(relief.cells, below.astype(np.float64), relief.count)
-    components, count = label((mass > 0.0) | inside, structure=np.ones((3, 3)))
+    components, count = components_of((mass > 0.0) | inside, diagonal=True)
     connected = np.zeros(count + 1, dtype=bool)
     connected[np.unique(components[inside])] = True
     connected[0] = False
@@ -47,4 +46,5 @@ def _log_ratio(relief: Relief) -> FloatArray:
     sd = np.hypot(relief.noise_m, relief.wave_m)
     depth = (relief.depth_m - WAVE_SD * relief.wave_m) / sd
     short = np.maximum(RIM_SD - depth, 0.0)
-    return np.clip(0.5 * (np.square(depth) * np.sign(depth) - np.square(short)), -MAX_LOG_RATIO, MAX_LOG_RATIO)
+    ratio = 0.5 * (np.square(depth) * np.sign(depth) - np.square(short))
+    return np.asarray(np.clip(ratio, -MAX_LOG_RATIO, MAX_LOG_RATIO))

@@ -77,5 +77,5 @@ def to_road_axes(points_m: NDArray[np.float64]) -> NDArray[np.float64]:
     depth (x right, y down) are turned by half about x.
     """
     if float(np.median(points_m[:, 2])) > 0.0:
-        return points_m * np.array([1.0, -1.0, -1.0])
+        return np.asarray(points_m * np.array([1.0, -1.0, -1.0]))
     return points_m

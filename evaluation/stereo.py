@@ -101,9 +101,10 @@ def mask_of(detection: FrameDetection, matched: MaskArray) -> MaskArray:
     """
     mask = np.zeros(matched.shape, dtype=bool)
     mask[matched] = detection.labels == PointClass.OBSTACLE
-    patches, count = label(~matched)
+    numbers, count = label(~matched)
+    patches: NDArray[np.int64] = np.asarray(numbers, dtype=np.int64)
     around, in_hole = np.zeros(count + 1), np.zeros(count + 1)
-    padded = np.pad(patches, 1)
+    padded = np.asarray(np.pad(patches, 1))
     for rows, columns in ((0, 1), (2, 1), (1, 0), (1, 2)):
         beside = padded[rows : rows + mask.shape[0], columns : columns + mask.shape[1]]
         touching = matched & (beside > 0)

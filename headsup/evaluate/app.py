@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import typer
 
+from headsup.evaluate.figures_command import evaluate_figures
 from headsup.evaluate.table1_command import table1
 from headsup.evaluate.table2_command import table2
 from headsup.evaluate.volume_command import volume
-
-from headsup.evaluate.figures_command import evaluate_figures
 
 evaluate_app = typer.Typer(
     help="Make the figures of the tables anew: from real data, and from the simulator's truth.",

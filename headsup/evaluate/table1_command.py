@@ -71,9 +71,13 @@ def _save(scored: Scored, folder: Path) -> None:
     from evaluation.composed_scan import FLAT
 
     if scored.road == FLAT:
-        masks = {name: scored.called[name].astype(np.uint8) for name in ("saliency", "surface")}
-        truth = scored.scene.truth.astype(np.uint8)
-        np.savez_compressed(folder / f"{scored.stem}.npz", points=scored.scene.points_mm, truth=truth, **masks)
+        np.savez_compressed(
+            folder / f"{scored.stem}.npz",
+            points=scored.scene.points_mm,
+            truth=scored.scene.truth.astype(np.uint8),
+            saliency=scored.called["saliency"].astype(np.uint8),
+            surface=scored.called["surface"].astype(np.uint8),
+        )
 
 
 def _by_scan(rows: list[Row]) -> Table:
