@@ -5,13 +5,17 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 
+from contract.geometry import Kind
 from detector.accumulator import Accumulator, PlaceHits, accumulate, hits_around
+from detector.inspection import KnownPlace
 from detector.pipeline import detect
 from detector.types import DetectorInput
+from evaluation.passes_street import HOLE_SIZES
 from simulator.lidar import LidarModel
 from simulator.lidar_presets import carla_default, hdl64e
 from simulator.mesh import pose
@@ -33,8 +37,8 @@ FRAME_S = 0.1
 POSE_NOISE_M, POSE_NOISE_RAD = 0.01, math.radians(0.1)
 """Of each sweep's pose in `odom`, 1 sigma per axis."""
 
-PLACE_ERROR_M = 0.07
-"""Of the place that is looked up, 1 sigma per axis, as a track's estimate is off."""
+PLACE_SD_M = 0.07
+"""Of a known place relative to the car, 1 sigma per axis, and how far a track's estimate is off."""
 
 LEAD_IN_M, PASSED_M = 16.0, 14.0
 """A drive begins before the first place by more than a hit's greatest range, and ends as far behind the last."""
@@ -52,13 +56,18 @@ class Pass:
 
 
 @dataclass(frozen=True, slots=True)
-class PlaceView:
-    """What one pass saw around one obstacle; `street` is the seed of its street."""
+class Look:
+    """What one pass saw of one place: hits to measure from and hits to inspect with, `street` the street's seed.
+
+    `placed` is what lies there, None for a place where nothing ever was.
+    """
 
     street: int
     drive: Pass
-    placed: PlacedObstacle
+    placed: PlacedObstacle | None
+    known: KnownPlace
     hits: PlaceHits
+    inspected: PlaceHits
 
 
 def plan_passes(seed: int, sensors: tuple[str, ...], speeds_kmh: tuple[float, ...] = SPEEDS_KMH) -> list[Pass]:
@@ -73,15 +82,40 @@ def plan_passes(seed: int, sensors: tuple[str, ...], speeds_kmh: tuple[float, ..
     ]
 
 
-def views_of_pass(world: World, drive: Pass, half_size_m: float = 1.5) -> Iterator[PlaceView]:
-    """The hits around each obstacle of the street, looked up when it lies `PASSED_M` behind; filled ones included."""
+def looks_of_pass(world: World, drive: Pass) -> Iterator[Look]:
+    """A look at each obstacle of the street, and at sound road between them, when it lies `PASSED_M` behind."""
     rng = np.random.default_rng([drive.seed, 13])
-    waiting = sorted(world.street.obstacles, key=lambda placed: drive.direction * placed.x_m)
+    obstacles = world.street.obstacles
+    places = [*((placed, _known(placed, rng)) for placed in obstacles), *_sound_places(obstacles, rng)]
+    waiting = sorted(places, key=lambda place: drive.direction * float(place[1].centre_odom_m[0]))
     for along_m, state in accumulated(world, drive):
-        while waiting and along_m > drive.direction * waiting[0].x_m + PASSED_M:
-            placed = waiting.pop(0)
-            centre = np.array([placed.x_m, placed.y_m]) + rng.normal(0.0, PLACE_ERROR_M, 2)
-            yield PlaceView(world.street.seed, drive, placed, hits_around(state, centre, half_size_m))
+        while waiting and along_m > drive.direction * waiting[0][1].centre_odom_m[0] + PASSED_M:
+            placed, known = waiting.pop(0)
+            centre = known.centre_odom_m[:2]
+            inspected = hits_around(state, centre, known.half_size_m)
+            yield Look(world.street.seed, drive, placed, known, hits_around(state, centre), inspected)
+
+
+def _known(placed: PlacedObstacle, rng: np.random.Generator) -> KnownPlace:
+    """An obstacle as a server would know it: its size right, its place off by the place's standard deviation."""
+    centre = np.array([placed.x_m, placed.y_m, 0.0]) + np.array([*rng.normal(0.0, PLACE_SD_M, 2), 0.0])
+    sides = placed.shape.length_m, placed.shape.width_m
+    is_hole = placed.kind is Kind.POTHOLE
+    return KnownPlace(centre, *sides, placed.yaw_rad % math.pi, placed.shape.relief_m, is_hole, PLACE_SD_M)
+
+
+def _sound_places(
+    obstacles: tuple[PlacedObstacle, ...], rng: np.random.Generator
+) -> list[tuple[PlacedObstacle | None, KnownPlace]]:
+    """Half-way between neighbours, in the lane of the first, where a hole of one of the sizes would be known."""
+    places: list[tuple[PlacedObstacle | None, KnownPlace]] = []
+    for number, (one, other) in enumerate(pairwise(obstacles)):
+        length, width, depth = list(HOLE_SIZES.values())[number % len(HOLE_SIZES)]
+        centre = np.array([(one.x_m + other.x_m) / 2.0, one.y_m, 0.0])
+        places.append(
+            (None, KnownPlace(centre, length, width, float(rng.uniform(0, math.pi)), depth, True, PLACE_SD_M))
+        )
+    return places
 
 
 def accumulated(world: World, drive: Pass) -> Iterator[tuple[float, Accumulator]]:
@@ -116,7 +150,9 @@ def _at_one_moment(sweep: Sweep, sensor: Carried, end_s: float) -> NDArray[np.fl
     if not sweep.time_offset_s.any():
         return sweep.points_m
     moments, which = np.unique(sweep.time_offset_s, return_inverse=True)
-    end_from_moment = np.linalg.inv(sensor.poses(np.array([end_s]))[0]) @ sensor.poses(end_s + moments)
+    end_from_moment = np.linalg.inv(sensor.poses(np.array([end_s]))[0]) @ sensor.poses(
+        np.asarray(end_s + moments, dtype=np.float64)
+    )
     turned = np.einsum("nij,nj->ni", end_from_moment[which, :3, :3], sweep.points_m.astype(np.float64))
     return np.asarray(turned + end_from_moment[which, :3, 3], dtype=np.float32)
 

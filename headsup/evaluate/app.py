@@ -5,6 +5,7 @@ from __future__ import annotations
 import typer
 
 from headsup.evaluate.figures_command import evaluate_figures
+from headsup.evaluate.passes_command import passes
 from headsup.evaluate.table1_command import table1
 from headsup.evaluate.table2_command import table2
 from headsup.evaluate.volume_command import volume
@@ -27,3 +28,4 @@ evaluate_app.command("figures")(evaluate_figures)
 evaluate_app.command("table1")(table1)
 evaluate_app.command("table2")(table2)
 evaluate_app.command("volume")(volume)
+evaluate_app.command("passes")(passes)
