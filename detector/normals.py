@@ -15,6 +15,7 @@ from detector.types import FloatArray
 # Coordinates in float32 or float64, rows in any integer.
 Points = TypeVar("Points", NDArray[np.float32], NDArray[np.float64])
 Neighbours = NDArray[np.signedinteger]
+Coordinates = NDArray[np.floating]
 
 # Where a face stands upright, z alone does not orient its normal; y and then x decide with these weights.
 UP = (1e-3, 2e-3, 1.0)
@@ -47,28 +48,32 @@ def face_normals(points_m: Points, neighbours: Neighbours) -> Points:
     return np.asarray(normals, dtype=points_m.dtype)
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, fastmath=True)
 def _pca(points: Points, neighbours: Neighbours, start: int, stop: int, normals: Points) -> None:
     k = neighbours.shape[1]
+    x, y, z = np.empty(k, points.dtype), np.empty(k, points.dtype), np.empty(k, points.dtype)
     for i in range(start, stop):
         # About the point itself, so that squares of coordinates do not swallow the neighbourhood's.
-        sx = sy = sz = xx = yy = zz = xy = xz = yz = 0.0
         for j in range(k):
             p = neighbours[i, j]
-            x, y, z = (
-                float(points[p, 0]) - float(points[i, 0]),
-                float(points[p, 1]) - float(points[i, 1]),
-                float(points[p, 2]) - float(points[i, 2]),
-            )
-            sx, sy, sz = sx + x, sy + y, sz + z
-            xx, yy, zz = xx + x * x, yy + y * y, zz + z * z
-            xy, xz, yz = xy + x * y, xz + x * z, yz + y * z
-        normals[i] = _flattest_direction(
-            xx - sx * sx / k, yy - sy * sy / k, zz - sz * sz / k, xy - sx * sy / k, xz - sx * sz / k, yz - sy * sz / k
-        )
+            x[j], y[j], z[j] = points[p, 0] - points[i, 0], points[p, 1] - points[i, 1], points[p, 2] - points[i, 2]
+        normals[i] = _flattest_direction(*_scatter(x, y, z))
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, fastmath=True)
+def _scatter(x: Coordinates, y: Coordinates, z: Coordinates) -> tuple[float, float, float, float, float, float]:
+    """Scatter of points (K,) about their mean: xx, yy, zz, xy, xz, yz."""
+    sx, sy, sz = x[0], y[0], z[0]
+    xx, yy, zz, xy, xz, yz = x[0] * x[0], y[0] * y[0], z[0] * z[0], x[0] * y[0], x[0] * z[0], y[0] * z[0]
+    for j in range(1, x.size):
+        sx, sy, sz = sx + x[j], sy + y[j], sz + z[j]
+        xx, yy, zz = xx + x[j] * x[j], yy + y[j] * y[j], zz + z[j] * z[j]
+        xy, xz, yz = xy + x[j] * y[j], xz + x[j] * z[j], yz + y[j] * z[j]
+    mx, my, mz = sx / x.size, sy / x.size, sz / x.size
+    return xx - sx * mx, yy - sy * my, zz - sz * mz, xy - sx * my, xz - sx * mz, yz - sy * mz
+
+
+@njit(cache=True, nogil=True, fastmath={"contract"})
 def _flattest_direction(a: float, b: float, c: float, d: float, e: float, f: float) -> tuple[float, float, float]:
     """Unit eigenvector, oriented to +z, of the least eigenvalue of the scatter [[a, d, e], [d, b, f], [e, f, c]].
 

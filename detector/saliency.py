@@ -5,10 +5,11 @@ from __future__ import annotations
 import math
 
 import numpy as np
+from numba import njit
 
 from detector.neighbours import find_neighbourhoods
 from detector.normals import face_normals, pca_normals
-from detector.rpca import decompose, default_lambda, soft_threshold
+from detector.rpca import decompose, default_lambda
 from detector.spectral import inverse_frobenius_and_sum
 from detector.types import Float32Array, FloatArray
 
@@ -59,12 +60,29 @@ def swift_geometric_saliency(normals: Float32Array, total: Float32Array, count: 
     weighs all neighbours alike, as they come in no order; then a row of E counts only by the point's own normal and the
     sum of the others, and the 3 (k + 1) columns are six.
     """
-    others = (total - normals) / np.float32(math.sqrt(count - 1))
-    reduced = np.concatenate([normals, others], axis=1)
-    _, vectors = np.linalg.eigh((reduced.T @ reduced).astype(np.float64))
+    scale = np.float32(1.0 / math.sqrt(count - 1))
+    own, cross, sums = (normals.T @ normals, normals.T @ total, total.T @ total)
+    among_others = scale * (cross - own)
+    gram = np.block([[own, among_others], [among_others.T, scale * scale * (sums - cross - cross.T + own)]])
+    _, vectors = np.linalg.eigh(gram.astype(np.float64))
     leading = vectors[:, -1].astype(np.float32)
-    sparse = soft_threshold(normals - np.outer(reduced @ leading, leading[:3]), default_lambda(len(normals)))
-    return np.asarray(np.sqrt(np.einsum("ni,ni->n", sparse, sparse)))
+    coefficient = normals @ (leading[:3] - scale * leading[3:]) + total @ (scale * leading[3:])
+    return np.asarray(_sparse_length(normals, coefficient, leading[:3], np.float32(default_lambda(len(normals)))))
+
+
+@njit(cache=True, nogil=True)
+def _sparse_length(
+    normals: Float32Array, coefficient: Float32Array, axis: Float32Array, lam: np.float32
+) -> Float32Array:
+    """Lengths (N,) of what the soft threshold leaves of the normals (N, 3) without their part along `axis` (3,)."""
+    lengths = np.empty_like(coefficient)
+    for i in range(lengths.size):
+        square = np.float32(0.0)
+        for k in range(3):
+            left = max(abs(normals[i, k] - coefficient[i] * axis[k]) - lam, np.float32(0.0))
+            square += left * left
+        lengths[i] = math.sqrt(square)
+    return lengths
 
 
 def scale_to_unit(values: FloatArray | Float32Array) -> FloatArray:
