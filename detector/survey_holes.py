@@ -6,12 +6,12 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import binary_dilation, binary_opening, maximum_position
+from scipy.ndimage import binary_dilation, binary_opening, find_objects, maximum
 
 from detector.survey_grid import components_of, smooth
-from detector.survey_outline import Outline, contour_families, outline_around, slope_of
+from detector.survey_outline import Outline, contour_families, depth_nearby, outline_of, slope_of
 from detector.survey_road import FINE_CELLS, Relief
-from detector.types import FloatArray, IntArray
+from detector.types import FloatArray
 
 MaskArray = NDArray[np.bool_]
 
@@ -21,7 +21,9 @@ SEED_CELLS = 12
 # What is reported is deep and steep: the product of its depth in standard deviations of the waves, and of its rim's
 # slope in the road's own (median) slopes.
 RECOGNISED_SD = 8.0
-RECOGNISED_EVIDENCE = 48.0
+RECOGNISED_EVIDENCE = 53.0
+# What an outline leaves of its seed is a basin of its own from this share of the depth nearby; else it is apron.
+BASIN_SHARE = 0.5
 # A hole narrower than this is texture.
 MIN_AREA_M2 = 0.0007
 # An outline never lies where the road's waves would.
@@ -44,21 +46,25 @@ def find_holes(relief: Relief) -> list[Hole]:
     """Holes of a relief, deepest first; where its depths are heights, what rises."""
     occupied = (relief.count > 0).astype(np.float64)
     depth, certainty = smooth(relief.depth_map_m, occupied, FINE_CELLS)
-    seeds, count = components_of(depth > SEED_SD * relief.wave_m)
-    places = _places(depth, seeds, count, RECOGNISED_SD * relief.wave_m)
-    if not places:
+    least_m = RECOGNISED_SD * relief.wave_m
+    seeds = _seeds(depth, depth > SEED_SD * relief.wave_m, least_m)
+    if not seeds:
         return []
     slope = slope_of(depth, relief.grid.cell_m)
     road_slope = max(float(np.median(slope[occupied > 0.0])), 1e-6)
     gaps = binary_opening(certainty < GAP_CERTAINTY)
-    families = contour_families(depth, slope, gaps, relief.grid.cell_m, OUTLINE_SD * relief.wave_m)
+    cell_m = relief.grid.cell_m
+    nearby = depth_nearby(depth, cell_m)
+    families = contour_families(depth, nearby, slope, gaps, cell_m, OUTLINE_SD * relief.wave_m)
     taken = np.zeros(depth.shape, dtype=bool)
     holes = []
-    for place in places:
-        outline = None if taken[place] else outline_around(families, place, taken, float(occupied.sum()))
+    while seeds:
+        seed = seeds.pop(0)
+        outline = outline_of(families, seed, taken, float(occupied.sum()))
         if outline is None:
             continue
         taken[outline.extent] |= outline.mask
+        seeds += _rest(seed, taken | (depth < BASIN_SHARE * nearby), depth, least_m)
         measured = outline.mask & ~gaps[outline.extent]
         evidence = float(np.percentile(depth[outline.extent][measured], 95)) / relief.wave_m
         if (
@@ -71,12 +77,34 @@ def find_holes(relief: Relief) -> list[Hole]:
     return holes
 
 
-def _places(depth: FloatArray, seeds: IntArray, count: int, least_m: float) -> list[tuple[int, int]]:
-    """The deepest cell of each seed that is large and deep enough, deepest first."""
-    numbers = np.arange(1, count + 1)
-    large = numbers[np.bincount(seeds.ravel(), minlength=count + 1)[1:] >= SEED_CELLS]
-    places = [(int(row), int(column)) for row, column in maximum_position(depth, seeds, large)]
-    return sorted((place for place in places if depth[place] > least_m), key=lambda place: -depth[place])
+def _seeds(depth: FloatArray, deep: MaskArray, least_m: float) -> list[Outline]:
+    """Connected regions of a mask that are large and deep enough to begin with, deepest first."""
+    numbers, count = components_of(deep)
+    if count == 0:
+        return []
+    cells = np.bincount(numbers.ravel(), minlength=count + 1)
+    deepest = np.asarray(maximum(depth, numbers, np.arange(count + 1)))
+    extents = find_objects(numbers)
+    chosen = [n for n in range(1, count + 1) if cells[n] >= SEED_CELLS and deepest[n] > least_m]
+    chosen.sort(key=lambda n: -deepest[n])
+    return [Outline(extents[n - 1], numbers[extents[n - 1]] == n, 0.0) for n in chosen]
+
+
+def _rest(seed: Outline, taken: MaskArray, depth: FloatArray, least_m: float) -> list[Outline]:
+    """What an outline left of its seed, where that is deep enough to begin with and not taken."""
+    rows, columns = seed.extent
+    rest = _seeds(depth[seed.extent], seed.mask & ~taken[seed.extent], least_m)
+    return [
+        Outline(
+            (
+                slice(rows.start + part.extent[0].start, rows.start + part.extent[0].stop),
+                slice(columns.start + part.extent[1].start, columns.start + part.extent[1].stop),
+            ),
+            part.mask,
+            0.0,
+        )
+        for part in rest
+    ]
 
 
 def _border_share(outline: Outline, shape: tuple[int, ...]) -> float:

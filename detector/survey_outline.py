@@ -27,12 +27,14 @@ COARSE_CELLS = 4
 # Weight of a level: slope of the relative depth along its contour, and compactness 4 pi area / perimeter^2; holes break
 # out in one piece, aprons and cracks run off.
 SLOPE_EXPONENT = 2.0
-COMPACT_EXPONENT = 1.0
+COMPACT_EXPONENT = 0.5
 # Walls that hide part of the hole are steeper than any ray: their rim is where the slope begins, at half its greatest.
 HIDDEN_SHARE = 0.05
 HIDDEN_SLOPE_SHARE = 0.5
 # Holes cover less than this share of a survey, else the road is not known.
 MAX_AREA_SHARE = 0.5
+# A basin smaller than this share of the greatest is a hole of its own.
+PART_SHARE = 0.3
 MIN_CELLS = 12
 
 
@@ -68,48 +70,57 @@ def slope_of(depth_m: FloatArray, cell_m: float) -> FloatArray:
 
 
 def contour_families(
-    depth_m: FloatArray, slope: FloatArray, gaps: MaskArray, cell_m: float, least_m: float
+    depth_m: FloatArray, nearby_m: FloatArray, slope: FloatArray, gaps: MaskArray, cell_m: float, least_m: float
 ) -> list[Family]:
-    """The components at each share; depth (R, C) is smoothed, `gaps` (R, C) were not measured and join what they touch.
+    """The components at each share of the depth nearby; `gaps` (R, C) were not measured and join what they touch.
 
     Nothing shallower than `least_m` belongs to any.
     """
-    nearby = _depth_nearby(np.maximum(depth_m, 0.0), NEARBY_M / cell_m)
-    relative = slope_of(depth_m / np.maximum(nearby, least_m), cell_m)
-    return [_family(depth_m > np.maximum(share * nearby, least_m), gaps, slope, relative) for share in SHARES]
+    relative = slope_of(depth_m / np.maximum(nearby_m, least_m), cell_m)
+    return [_family(depth_m > np.maximum(share * nearby_m, least_m), gaps, slope, relative) for share in SHARES]
 
 
-def outline_around(
-    families: list[Family], place: tuple[int, int], taken: MaskArray, map_cells: float
-) -> Outline | None:
-    """Outline around a place (row, column) that leaves alone what is taken (R, C); None where no level has one."""
-    outlines = [_around(family, place) for family in families]
-    free = np.array([o is not None and not (taken[o.extent] & o.mask).any() for o in outlines])
-    numbers = np.array([family.components[place] for family in families]) * free
-    values = [
-        (f.cells[n], f.rim_cells[n], f.gap_cells[n], f.slope[n], f.relative_slope[n])
-        if n
-        else (0.0, 1.0, 0.0, 0.0, 0.0)
-        for f, n in zip(families, numbers, strict=True)
-    ]
-    cells, rim, gap, slope, relative = np.array(values).T
+def outline_of(families: list[Family], seed: Outline, taken: MaskArray, map_cells: float) -> Outline | None:
+    """Outline of the hole that a seed lies in, leaving alone what is taken (R, C); None where no level has one.
+
+    A level's great components on the seed count together: a hole with two basins is one, also where a level parts them.
+    """
+    parts = [_parts(family, seed, taken) for family in families]
+    values = np.array([_sums(family, numbers) for family, numbers in zip(families, parts, strict=True)])
+    cells, rim, gap, slope, relative = values.T
     fits = (cells - gap >= MIN_CELLS) & (cells <= MAX_AREA_SHARE * map_cells)
     if not fits.any():
         return None
-    compact = 4.0 * np.pi * cells / np.square(np.maximum(rim, 1.0))
-    weight = np.where(fits, relative**SLOPE_EXPONENT * compact**COMPACT_EXPONENT, 0.0)
-    chosen = _weighted_median(weight)
+    compact = 4.0 * np.pi * cells / np.square(rim)
+    chosen = _weighted_median(np.where(fits, relative**SLOPE_EXPONENT * compact**COMPACT_EXPONENT, 0.0))
     if gap[chosen] > HIDDEN_SHARE * cells[chosen]:
         chosen = int(np.argmax(np.where(fits, slope, 0.0) >= HIDDEN_SLOPE_SHARE * slope[fits].max()))
-    return outlines[chosen]
+    return _union(families[chosen], parts[chosen], float(slope[chosen]))
 
 
-def _around(family: Family, place: tuple[int, int]) -> Outline | None:
-    number = int(family.components[place])
-    if number == 0:
-        return None
-    extent = family.extents[number - 1]
-    return Outline(extent, family.components[extent] == number, float(family.slope[number]))
+def _parts(family: Family, seed: Outline, taken: MaskArray) -> IntArray:
+    """The components on a seed that are not much smaller than the greatest and leave alone what is taken."""
+    numbers = family.components[seed.extent]
+    on_seed = np.unique(numbers[seed.mask])
+    on_taken = np.unique(family.components[taken])
+    parts = on_seed[(on_seed > 0) & ~np.isin(on_seed, on_taken)]
+    if parts.size == 0:
+        return parts
+    return np.asarray(parts[family.cells[parts] >= PART_SHARE * family.cells[parts].max()])
+
+
+def _sums(family: Family, parts: IntArray) -> tuple[float, float, float, float, float]:
+    """Cells, rim cells, gap cells, and the mean slope and relative slope along the rim, of some components together."""
+    rim = family.rim_cells[parts]
+    total = max(float(rim.sum()), 1.0)
+    means = (float((rim * values[parts]).sum()) / total for values in (family.slope, family.relative_slope))
+    return float(family.cells[parts].sum()), total, float(family.gap_cells[parts].sum()), *means
+
+
+def _union(family: Family, parts: IntArray, slope: float) -> Outline:
+    extents = [family.extents[number - 1] for number in parts]
+    rows, columns = (slice(min(e[axis].start for e in extents), max(e[axis].stop for e in extents)) for axis in (0, 1))
+    return Outline((rows, columns), np.isin(family.components[rows, columns], parts), slope)
 
 
 def _weighted_median(weight: FloatArray) -> int:
@@ -152,9 +163,10 @@ def _rim(mask: MaskArray) -> MaskArray:
     return np.asarray(mask & ~inner)
 
 
-def _depth_nearby(depth_m: FloatArray, reach_cells: float) -> FloatArray:
-    """Greatest depth within a reach of each cell (R, C), smoothed, on a coarse raster."""
-    padded = np.pad(depth_m, [(0, -n % COARSE_CELLS) for n in depth_m.shape], mode="edge")
+def depth_nearby(depth_m: FloatArray, cell_m: float) -> FloatArray:
+    """Greatest depth within reach of each cell (R, C), smoothed, on a coarse raster."""
+    reach_cells = NEARBY_M / cell_m
+    padded = np.pad(np.maximum(depth_m, 0.0), [(0, -n % COARSE_CELLS) for n in depth_m.shape], mode="edge")
     rows, columns = (n // COARSE_CELLS for n in padded.shape)
     coarse = padded.reshape(rows, COARSE_CELLS, columns, COARSE_CELLS).max(axis=(1, 3))
     reach = min(max(reach_cells / COARSE_CELLS, 1.0), float(max(rows, columns)))

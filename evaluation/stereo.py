@@ -17,7 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import binary_fill_holes, label
 
-from detector.types import FrameDetection, PointClass
+from detector.types import FrameDetection
+from evaluation.survey_detection import in_pothole
 
 FloatArray = NDArray[np.float64]
 MaskArray = NDArray[np.bool_]
@@ -94,13 +95,13 @@ def cloud_of(disparity: NDArray[np.uint16], matched: MaskArray) -> FloatArray:
 
 
 def mask_of(detection: FrameDetection, matched: MaskArray) -> MaskArray:
-    """Pixels (H, W) of recognised obstacles.
+    """Pixels (H, W) of recognised potholes.
 
     A matched pixel is what its point is. Pixels without a match belong to a hole when it encloses them, or when a
     quarter of what surrounds their patch does: the wall of the hole hides them.
     """
     mask = np.zeros(matched.shape, dtype=bool)
-    mask[matched] = detection.labels == PointClass.OBSTACLE
+    mask[matched] = in_pothole(detection)
     numbers, count = label(~matched)
     patches: NDArray[np.int64] = np.asarray(numbers, dtype=np.int64)
     around, in_hole = np.zeros(count + 1), np.zeros(count + 1)

@@ -10,8 +10,6 @@ from numpy.typing import NDArray
 from detector.pipeline import detect
 from detector.types import DetectorInput, FrameDetection, PointClass
 
-BELOW_ROAD = (PointClass.NEGATIVE, PointClass.OBSTACLE)
-
 
 def detect_survey(points_m: NDArray[np.float64], method: Literal["surface", "saliency"] = "surface") -> FrameDetection:
     """What the detector says of points (N, 3) in metres, z up, with all its parameters as they are."""
@@ -20,6 +18,13 @@ def detect_survey(points_m: NDArray[np.float64], method: Literal["surface", "sal
     return detect(DetectorInput(np.ascontiguousarray(local, dtype=np.float32), None), method)
 
 
+def in_pothole(detection: FrameDetection) -> NDArray[np.bool_]:
+    """Points (N,) inside the outline of a recognised hole, not those of things that stand on the road."""
+    with np.errstate(invalid="ignore"):
+        return np.asarray((detection.labels == PointClass.OBSTACLE) & (detection.residual_m < 0.0))
+
+
 def below_road(detection: FrameDetection) -> NDArray[np.bool_]:
-    """Points (N,) below the road: of a recognised hole, or flagged around one."""
-    return np.isin(detection.labels, BELOW_ROAD)
+    """Points (N,) of a recognised hole, and those flagged below the road around one: its apron to the last shallow
+    point."""
+    return np.asarray(in_pothole(detection) | (detection.labels == PointClass.NEGATIVE))
