@@ -97,6 +97,11 @@ def default_detector(sweep: Sweep) -> Sequence[FloatArray]:
     return [o.centre_m for o in detect(DetectorInput(sweep.points_m, sweep.height_m)).obstacles]
 
 
+def papers_method(sweep: Sweep) -> Sequence[FloatArray]:
+    """The paper's method, from array to obstacles."""
+    return [o.centre_m for o in detect(DetectorInput(sweep.points_m, sweep.height_m), "saliency").obstacles]
+
+
 def whole_saliency(sweep: Sweep) -> Sequence[FloatArray]:
     """The saliency map of all points; it names no obstacle."""
     saliency_map(sweep.points_m.astype(np.float64))
@@ -115,7 +120,8 @@ def peer(name: str) -> Method:
 
 METHODS: dict[str, Method] = {
     "HeadsUp `surface`, array to obstacles": default_detector,
-    "HeadsUp `saliency_map`, k = 30": whole_saliency,
+    "HeadsUp `saliency`, array to obstacles": papers_method,
+    "HeadsUp `saliency_map`, k = 30, alone": whole_saliency,
     **{name: peer(name) for name in SWEEP_PEERS},
 }
 
@@ -162,8 +168,8 @@ def scores(method: Method, sweeps: Sequence[Sweep]) -> tuple[int, int, float]:
     return found, sum(len(s.obstacles_m) for s in sweeps), others / len(sweeps)
 
 
-def print_methods(title: str, sweeps: Sequence[Sweep], rounds: int) -> float:
-    """One table of all methods; returns the median of our saliency map in ms."""
+def print_methods(title: str, sweeps: Sequence[Sweep], rounds: int) -> None:
+    """One table of all methods."""
     points = int(np.median([len(s.points_m) for s in sweeps]))
     print(f"\n### {title}: {points:,} points, {len(sweeps)} sweeps, {rounds} rounds\n")
     print(
@@ -176,7 +182,6 @@ def print_methods(title: str, sweeps: Sequence[Sweep], rounds: int) -> float:
         score = (f"{found}/{there}" if there else "-", f"{others:.2f}") if names_obstacles else ("-", "-")
         cells = (name, f"{np.median(milliseconds):.1f}", f"{np.percentile(milliseconds, 95):.1f}", *score)
         print("| " + " | ".join(cells) + " |", flush=True)
-    return float(np.median(taken["HeadsUp `saliency_map`, k = 30"]))
 
 
 def print_ports(sweep: Sweep) -> None:

@@ -18,36 +18,33 @@ ZERO = np.float32(0.0)
 
 
 @njit(cache=True, nogil=True)
-def sort_into_leaves(xyz: Float32Array, order: RowArray, level: int, depth: int, start: int, stop: int) -> None:
+def sort_into_leaves(records: Float32Array, level: int, depth: int, start: int, stop: int) -> None:
     """Splits the nodes [start, stop) of a level at the median of their longest side, and so on down to `depth`.
 
-    Node j of level l holds the points from n j / 2^l to n (j + 1) / 2^l: the tree needs no pointers.
+    `records` (N, 4) are x, y, z and four bytes that go along.
     """
-    n = xyz.shape[1]
+    n = len(records)
     for below in range(level, depth):
         for node in range(start << (below - level), stop << (below - level)):
             low, high = (n * node) >> below, (n * (node + 1)) >> below
             longest, axis = ZERO, 0
             for k in range(3):
-                least, most = _extent(xyz[k], low, high)
+                least, most = _extent(records[:, k], low, high)
                 if most - least > longest:
                     longest, axis = most - least, k
             if longest > ZERO:
-                middle = (n * (2 * node + 1)) >> (below + 1)
-                _split(xyz[axis], xyz[(axis + 1) % 3], xyz[(axis + 2) % 3], order, low, high, middle)
+                _split(records, axis, low, high, (n * (2 * node + 1)) >> (below + 1))
 
 
 @njit(cache=True, nogil=True)
-def _split(
-    keys: Float32Array, second: Float32Array, third: Float32Array, order: RowArray, low: int, high: int, middle: int
-) -> None:
-    """Quickselect: afterwards no key of [low, middle) is greater than one of [middle, high); the rest moves along."""
+def _split(records: Float32Array, axis: int, low: int, high: int, middle: int) -> None:
+    """Quickselect: afterwards no key of [low, middle) is greater than one of [middle, high)."""
     while high - low > 1:
-        pivot = _median_of_nine(keys, low, high)
-        border = _partition(keys, second, third, order, low, high, pivot, False)
+        pivot = _median_of_nine(records, axis, low, high)
+        border = _partition(records, axis, low, high, pivot, False)
         if border == low:
             # The pivot is the least: what equals it comes to the front instead.
-            border = _partition(keys, second, third, order, low, high, pivot, True)
+            border = _partition(records, axis, low, high, pivot, True)
             if middle < border:
                 return
         if middle < border:
@@ -57,31 +54,24 @@ def _split(
 
 
 @njit(cache=True, nogil=True)
-def _partition(
-    keys: Float32Array,
-    second: Float32Array,
-    third: Float32Array,
-    order: RowArray,
-    low: int,
-    high: int,
-    pivot: np.float32,
-    with_equal: bool,
-) -> int:
+def _partition(records: Float32Array, axis: int, low: int, high: int, pivot: float, with_equal: bool) -> int:
     """Keys less than the pivot, or equal to it, to the front; where they end. Without branches to mispredict."""
     border = low
     for i in range(low, high):
-        key, a, b, index = keys[i], second[i], third[i], order[i]
-        keys[i], second[i], third[i], order[i] = keys[border], second[border], third[border], order[border]
-        keys[border], second[border], third[border], order[border] = key, a, b, index
+        key = records[i, axis]
+        a, b, c, d = records[i, 0], records[i, 1], records[i, 2], records[i, 3]
+        for k in range(4):
+            records[i, k] = records[border, k]
+        records[border, 0], records[border, 1], records[border, 2], records[border, 3] = a, b, c, d
         border += (key < pivot) | (with_equal & (key == pivot))
     return border
 
 
 @njit(cache=True, nogil=True)
-def _median_of_nine(keys: Float32Array, low: int, high: int) -> float:
+def _median_of_nine(records: Float32Array, axis: int, low: int, high: int) -> float:
     sample = np.empty(9, np.float32)
     for i in range(9):
-        key = keys[low + (high - low) * i // 9]
+        key = records[low + (high - low) * i // 9, axis]
         j = i
         while j > 0 and sample[j - 1] > key:
             sample[j] = sample[j - 1]

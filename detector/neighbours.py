@@ -50,24 +50,29 @@ def find_neighbourhoods(points_m: FloatArray, count: int) -> Neighbourhoods:
     """
     if len(points_m) < count:
         raise DetectorError(f"{len(points_m)} points have no {count} nearest: a denser cloud is needed")
-    xyz = _unit_cloud(points_m)
-    order = np.arange(xyz.shape[1], dtype=np.int32)
-    depth = max(math.ceil(math.log2(xyz.shape[1] / LEAF_POINTS)), 0)
+    records = _unit_records(points_m)
+    n = len(records)
+    depth = max(math.ceil(math.log2(n / LEAF_POINTS)), 0)
     top = min(depth, TOP_LEVELS)
-    sort_into_leaves(xyz, order, 0, top, 0, 1)
-    in_chunks(lambda start, stop: sort_into_leaves(xyz, order, top, depth, start, stop), 1 << top, len(order))
+    sort_into_leaves(records, 0, top, 0, 1)
+    in_chunks(lambda start, stop: sort_into_leaves(records, top, depth, start, stop), 1 << top, n)
+    points, order = np.ascontiguousarray(records[:, :3]), records.view(np.int32)[:, 3].copy()
+    xyz, nearest = np.ascontiguousarray(points.T), np.empty((n, count), dtype=np.int32)
     boxes = node_boxes(xyz, depth)
-    nearest = np.empty((len(order), count), dtype=np.int32)
-    in_chunks(lambda start, stop: _search(xyz, boxes, depth, start, stop, nearest), 1 << depth, len(order))
-    return Neighbourhoods(np.ascontiguousarray(xyz.T), order, nearest)
+    in_chunks(lambda start, stop: _search(xyz, boxes, depth, start, stop, nearest), 1 << depth, n)
+    return Neighbourhoods(points, order, nearest)
 
 
-def _unit_cloud(points_m: FloatArray) -> Float32Array:
-    centred = (points_m - points_m.mean(axis=0)).T
+def _unit_records(points_m: FloatArray) -> Float32Array:
+    """Coordinates about the centre over the cloud's reach (N, 4); in the fourth place the bits of the row's number."""
+    centred = points_m - points_m.mean(axis=0)
     reach = float(np.abs(centred).max())
     if not math.isfinite(reach):
         raise DetectorError("the points are not all finite: leave out what is NaN or infinite")
-    return np.ascontiguousarray(centred / (reach or 1.0), dtype=np.float32)
+    records = np.empty((len(points_m), 4), dtype=np.float32)
+    records[:, :3] = centred / (reach or 1.0)
+    records.view(np.int32)[:, 3] = np.arange(len(points_m))
+    return records
 
 
 @njit(cache=True, nogil=True)
@@ -144,14 +149,14 @@ def _leaves_within(
     waiting = np.empty(64, np.int64)
     waiting[0] = 1
     left, found, total, coinciding = 1, 0, 0, 0
+    in_one_place = _is_in_one_place(own)
     while left > 0 and coinciding < count:
         left -= 1
         node = waiting[left]
-        gap, span = ZERO, ZERO
+        gap = ZERO
         for k in range(3):
             side = max(boxes[node, k] - own[3 + k], own[k] - boxes[node, 3 + k], ZERO)
             gap += side * side
-            span += max(boxes[node, 3 + k], own[3 + k]) - min(boxes[node, k], own[k])
         if gap > reach:
             continue
         if node < leaves:
@@ -160,13 +165,19 @@ def _leaves_within(
             continue
         low, high = (n * (node - leaves)) >> depth, (n * (node - leaves + 1)) >> depth
         total += high - low
-        coinciding += high - low if span == ZERO else 0
+        if in_one_place and gap == ZERO and _is_in_one_place(boxes[node]):
+            coinciding += high - low
         if found > 0 and ranges[found - 1, 1] == low:
             ranges[found - 1, 1] = high
         else:
             ranges[found, 0], ranges[found, 1] = low, high
             found += 1
     return found, total
+
+
+@njit(cache=True, nogil=True)
+def _is_in_one_place(box: Float32Array) -> bool:
+    return bool(box[0] == box[3] and box[1] == box[4] and box[2] == box[5])
 
 
 @njit(cache=True, nogil=True)
