@@ -10,8 +10,10 @@ import numpy as np
 from detector.types import FloatArray, ShapeDescriptor
 
 NAME = "shape"
-VERSION = 1
-PROFILE_PERCENT = (10, 25, 50, 75, 90)
+VERSION = 2
+# The upper half of depths (heights): lower quantiles lie on the walls, where a pass differs most from the next (27 % at
+# 10, 18 % at 25, 6 % at 90).
+PROFILE_PERCENT = (50, 75, 90)
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,9 +90,9 @@ def _profile(relief_m: FloatArray) -> dict[str, float]:
 
 
 def _hu_invariants(moments: Moments) -> dict[str, float]:
-    """First two of Hu's moment invariants (Hu 1962): 1 / (2 pi) and 0 for a disc."""
+    """Hu's first moment invariant and the root of his second (Hu 1962): 1 / (2 pi) and 0 for a disc."""
     if moments.area_m2 <= 0.0:
-        return {"hu1": 0.0, "hu2": 0.0}
+        return {"hu1": 0.0, "hu2_root": 0.0}
     eta = moments.covariance_m2 / moments.area_m2
     difference = eta[0, 0] - eta[1, 1]
-    return {"hu1": float(np.trace(eta)), "hu2": float(difference**2 + 4.0 * eta[0, 1] ** 2)}
+    return {"hu1": float(np.trace(eta)), "hu2_root": math.hypot(difference, 2.0 * eta[0, 1])}

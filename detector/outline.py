@@ -11,8 +11,8 @@ import numpy as np
 from scipy.ndimage import distance_transform_edt
 
 from detector.descriptor import fold_yaw, moment_box, polygon_moments
-from detector.height_map import CELL_M, Grid, Map, contour_around, mean_map, region_of
-from detector.pass_maps import GroupMaps, Samples, evidence_maps, relief_maps, smooth, smoothing_m, without
+from detector.height_map import CELL_M, Grid, Map, contour_around, region_of
+from detector.pass_maps import Samples, evidence_maps, relief_map, relief_maps, smooth, smoothing_m, without
 from detector.types import FloatArray, IntArray, ObstacleKind
 
 # Near the road's level, where a wall begins: the share of the depth and the standard deviations of a hit, whichever is
@@ -36,10 +36,11 @@ CORE_SHARE = 0.3
 # Greatest depth: so much of the hits is shallower, and noise adds so many of its standard deviations to that.
 EXTREME_SHARE, EXTREME_SDS = 0.98, 1.3
 # Seen evenly, that quantile is 0.93 to 0.99 of the deepest place of real potholes (gypsum scans), 0.90 to 0.93 of
-# simulated ones, 1 of a level floor; rays see what is deep less often: 0.91 of that in passes. Tops of bumps: 0.9; things are flat.
-SEEN_SHARE = 0.9
-# In the shadow behind a rise, its last hits speak for this many sigmas around them.
-HIT_REACH_SIGMAS = 1.6
+# simulated ones, 1 of a level floor; rays see what is deep less often: 0.91 of that in passes. Tops of
+# bumps: 0.9; things are flat.
+SEEN_SHARE = 0.87
+# In the shadow behind a rise the road counts with this share of the density of hits on it.
+SHADOW_SHARE = 0.12
 # Only hits speak for a rise, no air: a pass from one side leaves 5 cm between them.
 RISE_SIGMA_M = 0.04
 # How far from the middle of the window the obstacle may begin.
@@ -71,23 +72,15 @@ class Outline:
 
 @dataclass(frozen=True, slots=True)
 class _Maps:
-    """What all outlines of a pass are drawn from: samples, their cells, raw and smoothed maps, noise, the region that
-    is surely off the road, its usual depth or height, and its core."""
+    """What all outlines of a pass are drawn from: samples and their cells, the map (G, G) of depth or height, a hit's
+    noise, and the smoothing."""
 
     samples: Samples
     grid: Grid
     cell: tuple[IntArray, IntArray]
-    count: GroupMaps
-    total: GroupMaps
-    smooth_count: GroupMaps
-    smooth_total: GroupMaps
+    relief: Map
     noise_m: float
     sigma_m: float
-
-    def relief(self, group: int | None) -> Map:
-        """Map (G, G) of depth or height from all groups but one."""
-        count, total = without(self.smooth_count, group), without(self.smooth_total, group)
-        return mean_map(self.grid, count, total, self.sigma_m)
 
 
 @dataclass(frozen=True, slots=True)
@@ -101,10 +94,9 @@ class _Core:
 
 def outlines(samples: Samples, grid: Grid, is_negative: bool, noise_m: float) -> Iterator[Outline | None]:
     """The outline from all groups of sweeps, then without each in turn; nothing if there is no obstacle."""
-    count, total = relief_maps(samples, grid)
-    cell = grid.cell_of(samples.xy_m)
+    relief = relief_map(samples.xy_m, samples.relief_m, grid)
     sigma_m = smoothing_m(len(samples.relief_m), grid)
-    maps = _Maps(samples, grid, cell, count, total, smooth(count, sigma_m), smooth(total, sigma_m), noise_m, sigma_m)
+    maps = _Maps(samples, grid, grid.cell_of(samples.xy_m), relief, noise_m, sigma_m)
     core = _core(maps)
     if core is not None:
         drawing: _Hole | _Rise = _Hole(maps, core) if is_negative else _Rise(maps, core)
@@ -113,7 +105,7 @@ def outlines(samples: Samples, grid: Grid, is_negative: bool, noise_m: float) ->
 
 
 def _core(maps: _Maps) -> _Core | None:
-    whole = maps.relief(None)
+    whole = maps.relief
     region = region_of(whole, maps.grid, MIN_RELIEF_M, SEED_RADIUS_M)
     if region is None:
         return None
@@ -149,6 +141,7 @@ class _Rise:
 
     def __init__(self, maps: _Maps, core: _Core) -> None:
         self._maps, self._core = maps, core
+        self._count, self._total = relief_maps(maps.samples, maps.grid)
         self._reach_m = max(RISE_SIGMA_M, maps.sigma_m)
         polygon = self._contour(None, RISE_LEVEL_SHARE, self._reach_m)
         self._kind = ObstacleKind.DEBRIS if polygon is None else self._kind_of(polygon)
@@ -173,16 +166,16 @@ class _Rise:
     def _contour(self, group: int | None, share: float, sigma_m: float) -> FloatArray | None:
         """Where the height is a share of the rise's; gaps in a thing are bridged, and its shadow counts as road."""
         grid = self._maps.grid
-        count, total = without(self._maps.count, group), without(self._maps.total, group)
+        count, total = without(self._count, group), without(self._total, group)
         # A side facing the car collects many hits; cell means let it weigh no more than the road before it.
         hit = (count > 0.0).astype(np.float64)
         height = hit * np.clip(total / np.maximum(count, 1.0) / self._core.relief_m, 0.0, 1.0)
         near, high = smooth(np.stack([hit, height]), sigma_m)
-        shares = high / (near + grid.kernel_at(HIT_REACH_SIGMAS * sigma_m, sigma_m))
+        shares = high / (near + SHADOW_SHARE * float(np.median(near[self._core.inside])) + 1e-9)
         return contour_around(shares, share, grid, self._core.inside)
 
     def _kind_of(self, polygon: FloatArray) -> ObstacleKind:
-        slope = np.hypot(*np.gradient(self._maps.relief(None), CELL_M))[self._maps.grid.inside(polygon)]
+        slope = np.hypot(*np.gradient(self._maps.relief, CELL_M))[self._maps.grid.inside(polygon)]
         steep = float(np.percentile(slope, 75)) if slope.size else 0.0
         _, width, _ = moment_box(polygon_moments(polygon))
         is_bump = steep < DEBRIS_SLOPE and self._core.relief_m < BUMP_MAX_HEIGHT_M and width > BUMP_MIN_WIDTH_M
@@ -198,7 +191,7 @@ def _outline(maps: _Maps, group: int | None, kind: ObstacleKind, polygon: FloatA
     extreme = max(float(np.quantile(relief, EXTREME_SHARE)) - EXTREME_SDS * maps.noise_m, 0.0)
     centroid = polygon_moments(polygon).centroid_m
     greatest = extreme if kind is ObstacleKind.DEBRIS else extreme / SEEN_SHARE
-    return Outline(kind, polygon, centroid, box, greatest, maps.relief(group), inside)
+    return Outline(kind, polygon, centroid, box, greatest, maps.relief, inside)
 
 
 def _least_rectangle(polygon: FloatArray) -> Box:

@@ -55,11 +55,16 @@ def smoothing_m(hits: int, grid: Grid) -> float:
 
 
 def relief_map(xy_m: FloatArray, relief_m: FloatArray, grid: Grid) -> Map:
-    """Smoothed depth or height (G, G) of hits (N, 2); 0, the road, where none is near."""
+    """Smoothed depth or height (G, G) of hits (N, 2); 0, the road, where none is near.
+
+    Cells weigh alike however often they were hit: a wall that faces the sensor collects more hits than the floor.
+    """
     sigma_m = smoothing_m(len(relief_m), grid)
     one = np.zeros(len(relief_m), dtype=np.int64)
-    count, total = smooth(np.concatenate(_scatter(xy_m, relief_m, one, 1, grid.cells, grid.half_size_m)), sigma_m)
-    return mean_map(grid, count, total, sigma_m)
+    count, total = _scatter(xy_m, relief_m, one, 1, grid.cells, grid.half_size_m)
+    mean = total / np.maximum(count, 1.0)
+    near, deep = smooth(np.concatenate([(count > 0.0).astype(np.float64), mean]), sigma_m)
+    return mean_map(grid, near, deep, sigma_m)
 
 
 def evidence_maps(samples: Samples, grid: Grid, level_m: float, below: np.ndarray) -> tuple[GroupMaps, GroupMaps]:

@@ -18,18 +18,21 @@ from detector.local_surface import Levelled, levelled
 from detector.outline import CORE_SHARE, Outline, outlines
 from detector.pass_maps import Samples
 from detector.recognition import thin
-from detector.types import DetectedObstacle, FloatArray, IntArray
+from detector.types import DetectedObstacle, FloatArray, IntArray, ObstacleKind
 
 MIN_HITS = 30
 MIN_FRAMES = 2
 GROUPS = 6
-# What a pass does not see: floors of the standard deviation of ln(length), ln(width), ln(area), by view.
-LN_FLOOR_FRONT = 0.04
-LN_FLOOR_BOTH = 0.012
+# What the sweeps of one pass share and so cannot show: floors of the standard deviations. Of ln(length) and ln(width)
+# against the truth, from passes on tuning streets; a thing's sides depend on what of it was hit.
+LN_SIDE_FLOOR = {ObstacleKind.POTHOLE: 0.038, ObstacleKind.BUMP: 0.06, ObstacleKind.DEBRIS: 0.12}
+# Of ln(area) from pass to pass: what tells whether an obstacle has changed.
+LN_AREA_FLOOR_FRONT = 0.03
+LN_AREA_FLOOR_BOTH = 0.018
 # Repeats of the centroid per pass: 0.8 to 1.7 cm from one side, 0.4 to 0.7 cm from both; and of the depth.
 CENTRE_FLOOR_FRONT_M = 0.015
 CENTRE_FLOOR_BOTH_M = 0.006
-RELIEF_FLOOR_SHARE = 0.03
+RELIEF_FLOOR_SHARE = 0.06
 
 
 def measure(hits: PlaceHits, is_negative: bool) -> DetectedObstacle | None:
@@ -72,10 +75,11 @@ def _obstacle(
 ) -> DetectedObstacle:
     length, width, yaw = outline.box
     front, rear = views(hits)
-    sd, centre_covariance = _uncertainty(estimates, outline.relief_m, front and rear)
+    sd, centre_covariance = _uncertainty(estimates, outline.relief_m, outline.kind, front and rear)
     inside = outline.inside & (outline.relief_map > 0.0)
     relief = outline.relief_map[inside] if inside.any() else np.array([outline.relief_m])
-    volume = float(relief.sum()) * CELL_M**2
+    # Cells that no ray reached are as deep as the others.
+    volume = float(relief.mean() * outline.inside.sum()) * CELL_M**2
     saliency = map_saliency(outline.relief_map)
     centre = np.array([*(hits.centre_odom_m + outline.centroid_m), level.road_height_m])
     offsets = np.column_stack([level.xy_m - outline.centroid_m, level.height_m])
@@ -112,14 +116,16 @@ def views(hits: PlaceHits) -> tuple[bool, bool]:
     return bool((ahead >= 0.0).any()), bool((ahead < 0.0).any())
 
 
-def _uncertainty(estimates: FloatArray, relief_m: float, both_views: bool) -> tuple[FloatArray, FloatArray]:
+def _uncertainty(
+    estimates: FloatArray, relief_m: float, kind: ObstacleKind, both_views: bool
+) -> tuple[FloatArray, FloatArray]:
     """Standard deviations of ln length, ln width, ln area and relief (4,), and covariance of the centre (2, 2)."""
     if len(estimates) < 2:
         return np.array([0.3, 0.3, 0.4, 0.3 * relief_m]), np.diag([0.1**2, 0.1**2])
-    ln_floor = LN_FLOOR_BOTH if both_views else LN_FLOOR_FRONT
+    side_floor, area_floor = LN_SIDE_FLOOR[kind], LN_AREA_FLOOR_BOTH if both_views else LN_AREA_FLOOR_FRONT
     centre_floor = CENTRE_FLOOR_BOTH_M if both_views else CENTRE_FLOOR_FRONT_M
     covariance = jackknife_covariance(estimates)
-    floors = np.array([ln_floor, ln_floor, ln_floor, RELIEF_FLOOR_SHARE * relief_m])
+    floors = np.array([side_floor, side_floor, area_floor, RELIEF_FLOOR_SHARE * relief_m])
     sd = np.sqrt(np.diag(covariance)[:4] + floors**2)
     return sd, covariance[4:, 4:] + centre_floor**2 * np.eye(2)
 

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from contract.geometry import Box
+from contract.geometry import Box, Kind
 from contract.observation import Descriptor
 from detector.types import DetectedObstacle
 from evaluation.passes_sizes import Measured
@@ -63,4 +63,4 @@ def _along(row: Measured) -> float:
 
 
 def _negative(row: Measured) -> bool:
-    return row.size in "SML"
+    return row.size not in (Kind.BUMP.value, Kind.DEBRIS.value)

@@ -7,8 +7,8 @@ from dataclasses import dataclass, field
 
 from evaluation.passes_drive import Pass, looks_of_pass, plan_passes
 from evaluation.passes_inspections import Verdict, verdicts_of
-from evaluation.passes_sizes import Measured, measured_of
-from evaluation.passes_street import hiding_street, passes_street
+from evaluation.passes_sizes import RANDOM, SIZED, Measured, measured_of
+from evaluation.passes_street import hiding_street, passes_street, random_street
 from simulator.world import World
 
 Advance = Callable[[str], None]
@@ -38,10 +38,15 @@ class Plan:
         """The passes along the street of that seed where cars hide holes: those in the left lane."""
         return [drive for drive in self.passes(seed) if drive.direction < 0]
 
+    def random_passes(self, seed: int) -> list[Pass]:
+        """The passes along the street of that seed with random obstacles: those at the highest speed."""
+        return [drive for drive in self.passes(seed) if drive.speed_kmh == max(self.speeds_kmh)]
+
     @property
     def count(self) -> int:
         """Number of passes."""
-        return sum(len(self.passes(seed)) + len(self.hidden_passes(seed)) for seed in self.seeds)
+        lists = (self.passes, self.random_passes, self.hidden_passes)
+        return sum(len(passes(seed)) for passes in lists for seed in self.seeds)
 
 
 def run(plan: Plan, advance: Advance) -> PassRecord:
@@ -52,8 +57,13 @@ def run(plan: Plan, advance: Advance) -> PassRecord:
         for drive in plan.passes(seed):
             advance(f"street {seed}, {drive.sensor}, {drive.speed_kmh:.0f} km/h")
             for look in looks_of_pass(world, drive):
-                record.measured.extend(measured_of(look))
+                record.measured.extend(measured_of(look, SIZED))
                 record.verdicts.extend(verdicts_of(world, look))
+        various = World(random_street(seed))
+        for drive in plan.random_passes(seed):
+            advance(f"street {seed} with random obstacles, {drive.sensor}, {drive.speed_kmh:.0f} km/h")
+            for look in looks_of_pass(various, drive):
+                record.measured.extend(measured_of(look, RANDOM))
         hiding = World(hiding_street(seed))
         for drive in plan.hidden_passes(seed):
             advance(f"street {seed} with parked cars, {drive.sensor}, {drive.speed_kmh:.0f} km/h")

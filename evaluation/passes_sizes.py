@@ -21,6 +21,9 @@ from simulator.street import PlacedObstacle
 
 FRONT_AND_REAR, FRONT = "front and rear", "front"
 
+SIZED, RANDOM = "sized", "random"
+"""Streets with holes of three sizes, and with obstacles of every size."""
+
 EVERY = (1, 2, 4)
 """Of the sweeps, every one, every second and every fourth are used, to show what the number of frames does."""
 
@@ -47,6 +50,7 @@ class Measured:
     """One measurement: of which obstacle, from which pass, with which sweeps; `measured` is None if there was none."""
 
     street: int
+    scene: str
     sensor: str
     speed_kmh: float
     direction: int
@@ -67,16 +71,19 @@ class Measured:
 Group = tuple[str, ...]
 
 
-def measured_of(look: Look) -> Iterator[Measured]:
-    """The measurements of one look at an obstacle: front and rear, front only, and with fewer sweeps."""
+def measured_of(look: Look, scene: str) -> Iterator[Measured]:
+    """The measurements of one look at an obstacle: front and rear, front only, and of known sizes with fewer sweeps."""
     placed = look.placed
     if placed is None:
         return
-    size, truth = hole_size(placed) or placed.kind.value, truth_of(placed)
-    views = [(FRONT_AND_REAR, every, every_nth(look.hits, every)) for every in EVERY]
+    size, truth = placed.kind.value, truth_of(placed)
+    if scene == SIZED:
+        size = hole_size(placed) or size
+    views = [(FRONT_AND_REAR, every, every_nth(look.hits, every)) for every in (EVERY if scene == SIZED else EVERY[:1])]
     for view, every, hits in [*views, (FRONT, 1, before_passing(look.hits))]:
         yield Measured(
             look.street,
+            scene,
             look.drive.sensor,
             look.drive.speed_kmh,
             look.drive.direction,

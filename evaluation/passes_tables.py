@@ -12,31 +12,39 @@ from evaluation.passes_sizes import (
     EVERY,
     FRONT,
     FRONT_AND_REAR,
+    RANDOM,
+    SIZED,
     Measured,
     grouped,
     honesty_figures,
     repeat_figures,
     size_figures,
 )
+from evaluation.passes_street import HOLE_SIZES
 
 Record = dict[str, Any]
 """Names of groups as text, figures as numbers."""
 
-SIZES = ("S", "M", "L", "bump", "debris")
+SIZES = ("S", "M", "L", "pothole", "bump", "debris")
 
 
 def tables(record: PassRecord) -> dict[str, list[Record]]:
     """Sizes, honesty of the standard deviations, repeatability, descriptors, inspections."""
-    rows = record.measured
+    every, rows = record.measured, [row for row in record.measured if row.scene == SIZED]
     return {
-        "size": [line for view in (FRONT_AND_REAR, FRONT) for line in _size(_of(rows, view))],
-        "honesty": [line for view in (FRONT_AND_REAR, FRONT) for line in _honesty(_of(rows, view))],
+        "size": [
+            {"street": scene, **line}
+            for scene in (SIZED, RANDOM)
+            for view in (FRONT_AND_REAR, FRONT)
+            for line in _size(_of([row for row in every if row.scene == scene], view))
+        ],
+        "honesty": [line for view in (FRONT_AND_REAR, FRONT) for line in _honesty(_of(every, view))],
         "repeatability": [
             line
-            for view, every in (*((FRONT_AND_REAR, every) for every in EVERY), (FRONT, 1))
-            for line in _repeat(_of(rows, view, every))
+            for view, nth in (*((FRONT_AND_REAR, nth) for nth in EVERY), (FRONT, 1))
+            for line in _repeat(_of(rows, view, nth))
         ],
-        "descriptor": _descriptor(rows),
+        "descriptor": _descriptor(every),
         "inspection": _inspection(record.verdicts),
     }
 
@@ -84,9 +92,9 @@ def _repeat(rows: Sequence[Measured]) -> list[Record]:
 
 def _descriptor(rows: Sequence[Measured]) -> list[Record]:
     return [
-        {"sensor": sensor, "view": view, **descriptor_figures(group)}
+        {"street": scene, "sensor": sensor, "view": view, **descriptor_figures(group)}
         for view in (FRONT_AND_REAR, FRONT)
-        for (sensor,), group in grouped(_of(rows, view), lambda row: (row.sensor,)).items()
+        for (scene, sensor), group in grouped(_of(rows, view), lambda row: (row.scene, row.sensor)).items()
     ]
 
 
@@ -102,7 +110,7 @@ def _inspection(verdicts: Sequence[Verdict]) -> list[Record]:
 
 
 def _kind(row: Measured) -> str:
-    return "pothole" if row.size in "SML" else row.size
+    return "pothole" if row.size in HOLE_SIZES else row.size
 
 
 def _ordered(rows: Sequence[Measured]) -> list[Measured]:

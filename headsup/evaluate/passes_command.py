@@ -21,7 +21,7 @@ def passes(
     pictures: Annotated[Path | None, typer.Option("--pictures", help="Folder for PNG files; made if missing.")] = None,
     seeds: Annotated[
         str, typer.Option("--seeds", help="Streets, by seeds with commas; 1,2,3 were used for tuning.")
-    ] = "101,102,103,104",
+    ] = "101,102",
     sensors: Annotated[str, typer.Option("--sensors", help="Presets with commas: hdl64, paper, carla.")] = (
         "hdl64,paper,carla"
     ),

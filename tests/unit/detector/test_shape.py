@@ -33,7 +33,8 @@ def test_the_area_of_a_holes_box_is_right_and_repeats_from_pass_to_pass(hole: Ho
         assert error_m.max() < max(0.15 * true_m, 0.07)
     assert np.log(areas).std() < repeat
     assert all(b.view_front and b.view_rear for b in boxes)
-    assert [b.relief_m for b in boxes] == pytest.approx([hole.depth] * 8, rel=0.15)
+    # Floors are taken to be rough, so that hits do not show their deepest place; this one is level.
+    assert [b.relief_m for b in boxes] == pytest.approx([1.1 * hole.depth] * 8, rel=0.12)
     for box in boxes:
         assert box.centre_m[:2] == pytest.approx([0.0, 0.5], abs=0.02)
         assert box.kind is ObstacleKind.POTHOLE
@@ -50,7 +51,7 @@ def test_a_hole_seen_from_the_front_only_says_so_and_is_less_sure() -> None:
     both = measured(Street(holes=(LARGE,)), True, 1)
     front = measured(Street(holes=(LARGE,)), True, 1, stretch=FRONT_ONLY)
     assert (front.view_front, front.view_rear) == (True, False)
-    assert front.ln_area_sd >= 0.04 > both.ln_area_sd >= 0.012
+    assert front.ln_area_sd >= 0.03 > both.ln_area_sd >= 0.018
     assert front.length_m * front.width_m == pytest.approx(0.63, rel=0.15)
 
 
