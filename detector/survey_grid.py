@@ -6,6 +6,7 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter, label
 
@@ -52,15 +53,23 @@ class Grid:
 
     def sample(self, values: FloatArray, xy_m: FloatArray) -> FloatArray:
         """Values (N,) of a map (R, C) at places (N, 2), bilinear between the cells' centres."""
-        column, row = ((xy_m[:, k] - self.origin_m[k]) / self.cell_m - 0.5 for k in (0, 1))
-        column = np.clip(column, 0.0, self.shape[1] - 1.0)
-        row = np.clip(row, 0.0, self.shape[0] - 1.0)
-        j, i = column.astype(np.int64), row.astype(np.int64)
-        right, below = np.minimum(j + 1, self.shape[1] - 1), np.minimum(i + 1, self.shape[0] - 1)
-        u, v = column - j, row - i
+        return np.asarray(_bilinear(values, xy_m, self.origin_m, self.cell_m))
+
+
+@njit(cache=True, nogil=True)
+def _bilinear(values: FloatArray, xy: FloatArray, origin: FloatArray, cell: float) -> FloatArray:
+    rows, columns = values.shape
+    out = np.empty(len(xy))
+    for n in range(len(xy)):
+        x = min(max((xy[n, 0] - origin[0]) / cell - 0.5, 0.0), columns - 1.0)
+        y = min(max((xy[n, 1] - origin[1]) / cell - 0.5, 0.0), rows - 1.0)
+        j, i = int(x), int(y)
+        right, below = min(j + 1, columns - 1), min(i + 1, rows - 1)
+        u, v = x - j, y - i
         upper = values[i, j] * (1.0 - u) + values[i, right] * u
         lower = values[below, j] * (1.0 - u) + values[below, right] * u
-        return np.asarray(upper * (1.0 - v) + lower * v)
+        out[n] = upper * (1.0 - v) + lower * v
+    return out
 
 
 def measure_spacing(xy_m: FloatArray) -> float:

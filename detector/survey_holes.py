@@ -84,7 +84,7 @@ def _seeds(depth: FloatArray, deep: MaskArray, least_m: float) -> list[Outline]:
         return []
     cells = np.bincount(numbers.ravel(), minlength=count + 1)
     deepest = np.asarray(maximum(depth, numbers, np.arange(count + 1)))
-    extents = find_objects(numbers)
+    extents = [(rows, columns) for rows, columns in find_objects(numbers)]
     chosen = [n for n in range(1, count + 1) if cells[n] >= SEED_CELLS and deepest[n] > least_m]
     chosen.sort(key=lambda n: -deepest[n])
     return [Outline(extents[n - 1], numbers[extents[n - 1]] == n, 0.0) for n in chosen]

@@ -113,8 +113,9 @@ def _sums(family: Family, parts: IntArray) -> tuple[float, float, float, float, 
     """Cells, rim cells, gap cells, and the mean slope and relative slope along the rim, of some components together."""
     rim = family.rim_cells[parts]
     total = max(float(rim.sum()), 1.0)
-    means = (float((rim * values[parts]).sum()) / total for values in (family.slope, family.relative_slope))
-    return float(family.cells[parts].sum()), total, float(family.gap_cells[parts].sum()), *means
+    slope = float((rim * family.slope[parts]).sum()) / total
+    relative = float((rim * family.relative_slope[parts]).sum()) / total
+    return float(family.cells[parts].sum()), total, float(family.gap_cells[parts].sum()), slope, relative
 
 
 def _union(family: Family, parts: IntArray, slope: float) -> Outline:

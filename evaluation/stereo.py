@@ -105,12 +105,14 @@ def mask_of(detection: FrameDetection, matched: MaskArray) -> MaskArray:
     numbers, count = label(~matched)
     patches: NDArray[np.int64] = np.asarray(numbers, dtype=np.int64)
     around, in_hole = np.zeros(count + 1), np.zeros(count + 1)
-    padded = np.asarray(np.pad(patches, 1))
-    for rows, columns in ((0, 1), (2, 1), (1, 0), (1, 2)):
-        beside = padded[rows : rows + mask.shape[0], columns : columns + mask.shape[1]]
-        touching = matched & (beside > 0)
-        around += np.bincount(beside[touching], minlength=count + 1)
-        in_hole += np.bincount(beside[touching & mask], minlength=count + 1)
+    for axis in (0, 1):
+        for step in (1, -1):
+            # What a roll brings round from the other border lies outside the picture.
+            beside = np.roll(patches, step, axis)
+            np.moveaxis(beside, axis, 0)[0 if step == 1 else -1] = 0
+            touching = matched & (beside > 0)
+            around += np.bincount(beside[touching], minlength=count + 1)
+            in_hole += np.bincount(beside[touching & mask], minlength=count + 1)
     hidden = in_hole >= HIDDEN_SHARE * np.maximum(around, 1.0)
     hidden[0] = False
     return np.asarray(binary_fill_holes(mask | hidden[patches]))
