@@ -15,7 +15,7 @@ from scipy.ndimage import label
 from detector.accumulator import PlaceHits
 from detector.height_map import CELL_M as MAP_CELL_M
 from detector.height_map import Grid, Map
-from detector.local_surface import Levelled, levelled
+from detector.local_surface import Levelled, levelled, usable
 from detector.pass_maps import relief_map
 from detector.robust import robust_sd
 from detector.types import FloatArray
@@ -84,6 +84,7 @@ class PlaceVerdict:
 
 def inspect(hits: PlaceHits, place: KnownPlace) -> PlaceVerdict:
     """Verdict about a known obstacle from the hits of a pass around it (a window of `place.half_size_m`)."""
+    hits = usable(hits)
     filled, visible = _coverage(hits, place)
     if hits.frames < MIN_FRAMES or len(hits.points_m) < MIN_HITS_PER_M2:
         return PlaceVerdict("not_visible", visible, "too few sweeps or hits at the place")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.ndimage import binary_dilation
@@ -70,13 +70,21 @@ class _Window:
         return [slice(a, b) for a, b in zip(self.starts[:-1], self.starts[1:], strict=True)]
 
 
+def usable(hits: PlaceHits) -> PlaceHits:
+    """The hits that are finite, from finite places, and in the window."""
+    finite = np.isfinite(hits.points_m).all(axis=1) & np.isfinite(hits.origins_m[hits.frame]).all(axis=1)
+    with np.errstate(invalid="ignore"):
+        finite &= (np.abs(hits.points_m[:, :2] - hits.centre_odom_m) <= hits.half_size_m).all(axis=1)
+    return hits if finite.all() else replace(hits, points_m=hits.points_m[finite], frame=hits.frame[finite])
+
+
 def levelled(hits: PlaceHits) -> Levelled:
     """Each hit's place and height over the road, without the frames' offset and tilt and the rings' range bias.
 
     A robust quadratic through cell means; each frame's median is taken out first (0.1 degree of pitch is 2 to 3 cm at
     15 m), then a small ridge plane per frame and what each ring adds; the surface is refitted without the obstacle's
     cells and their neighbours. A ring that reads too long also puts its hits too far away: they are moved back along
-    their rays. Needs at least one hit.
+    their rays. Needs at least one hit, all of them `usable`.
     """
     order = np.argsort(hits.frame, kind="stable")
     points, frame = hits.points_m[order], hits.frame[order]

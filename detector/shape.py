@@ -14,7 +14,7 @@ from scipy.ndimage import uniform_filter
 from detector.accumulator import PlaceHits
 from detector.descriptor import describe
 from detector.height_map import CELL_M, Grid, Map
-from detector.local_surface import Levelled, levelled
+from detector.local_surface import Levelled, levelled, usable
 from detector.outline import CORE_SHARE, Outline, outlines
 from detector.pass_maps import Samples
 from detector.recognition import thin
@@ -37,7 +37,8 @@ RELIEF_FLOOR_SHARE = 0.06
 
 def measure(hits: PlaceHits, is_negative: bool) -> DetectedObstacle | None:
     """The obstacle of a sign nearest the middle of the window, in `odom`; None if there is none to be measured."""
-    if len(hits.points_m) < MIN_HITS or hits.frames < MIN_FRAMES:
+    hits = usable(hits)
+    if len(hits.points_m) < MIN_HITS or np.unique(hits.frame).size < MIN_FRAMES:
         return None
     level = levelled(hits)
     relief = -level.height_m if is_negative else level.height_m

@@ -124,3 +124,47 @@ def test_the_jackknife_of_a_mean_is_the_variance_of_the_mean() -> None:
     values = np.random.default_rng(1).normal(size=(20, 1))
     left_out = (values.sum() - values) / 19
     assert jackknife_covariance(left_out)[0, 0] == pytest.approx(values.var(ddof=1) / 20)
+
+
+def with_hits(hits: PlaceHits, points_m: np.ndarray, frame: np.ndarray) -> PlaceHits:
+    return PlaceHits(points_m, frame, hits.origins_m, hits.centre_odom_m, hits.half_size_m)
+
+
+def test_hits_that_are_no_numbers_or_far_away_change_nothing() -> None:
+    hits = hits_of_pass(Street(holes=(LARGE,)), 0.0, 0.5, -1.5, 5)
+    stray = np.array([[np.nan, 0.5, 0.0], [0.1, np.inf, 0.0], [50.0, 0.5, -9.0], [0.0, -80.0, 3.0]])
+    spoilt = with_hits(hits, np.concatenate([hits.points_m, stray]), np.concatenate([hits.frame, [0, 1, 2, 3]]))
+    assert repr(measure(spoilt, True)) == repr(measure(hits, True))
+
+
+@pytest.mark.parametrize("is_negative", [True, False])
+def test_a_line_of_hits_is_not_an_obstacle(is_negative: bool) -> None:
+    hits = hits_of_pass(Street(holes=(LARGE,)), 0.0, 0.5, -1.5, 1)
+    x = np.linspace(-1.0, 1.0, 200)
+    line = np.column_stack([hits.centre_odom_m[0] + x, np.full_like(x, hits.centre_odom_m[1]), np.zeros_like(x)])
+    assert measure(with_hits(hits, line, np.arange(200) % hits.frames), is_negative) is None
+
+
+def test_a_sloping_and_crowned_road_does_not_change_a_hole() -> None:
+    hits = hits_of_pass(Street(holes=(LARGE,)), 0.0, 0.5, -1.5, 6)
+    x, y = (hits.points_m[:, :2] - hits.centre_odom_m).T
+    tilted = hits.points_m + np.column_stack([0 * x, 0 * x, 0.05 * x - 0.02 * y - 0.004 * y**2])
+    level, sloping = measure(hits, True), measure(with_hits(hits, tilted, hits.frame), True)
+    assert level is not None
+    assert sloping is not None
+    assert sloping.length_m * sloping.width_m == pytest.approx(level.length_m * level.width_m, rel=0.04)
+    assert sloping.relief_m == pytest.approx(level.relief_m, abs=0.006)
+
+
+def test_the_sides_and_the_depth_say_how_wrong_they_may_be() -> None:
+    hole = measured(Street(holes=(LARGE,)), True, 7)
+    assert 0.03 < hole.ln_length_sd < 0.1
+    assert 0.03 < hole.ln_width_sd < 0.1
+    assert 0.05 * hole.relief_m < hole.relief_sd_m < 0.02
+    assert hole.ln_area_sd < hole.ln_length_sd
+
+
+def test_the_volume_of_a_hole_is_that_of_its_form() -> None:
+    hole = measured(Street(holes=(LARGE,)), True, 8)
+    # Depth falls with the fourth power of the radius: 2 / 3 of the cylinder.
+    assert hole.volume_m3 == pytest.approx(np.pi / 4 * 0.9 * 0.7 * 0.12 * 2 / 3, rel=0.25)
