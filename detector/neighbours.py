@@ -96,21 +96,41 @@ def _search(xyz: Float32Array, boxes: Float32Array, depth: int, start: int, stop
             if total > rows.size:
                 near, distances, rows, chosen = _room(2 * total)
             _gather(xyz, ranges, found, near, rows)
-            guess = np.float32(0.5) * reach
-            for row in range(low, high):
-                if radii[row - low] > settled:
-                    _squared_distances(near, total, xyz[0, row], xyz[1, row], xyz[2, row], distances)
-                    below, guess = _kth_distance(distances, total, count, guess)
-                    _choose(distances, total, below, guess, count, rows, chosen)
-                    for k in range(count):
-                        nearest[row, k] = chosen[k]
-                    radii[row - low] = guess
+            _nearest_of_leaf(xyz, low, high, near, rows, total, reach, settled, distances, chosen, radii, nearest)
             farthest = radii[: high - low].max()
             if farthest <= reach:
                 break
             # What lies farther than the reach was not looked at: once more for these rows, and then surely far enough.
             settled, reach = reach, np.float32(1.0001) * farthest
         reach = REACH_MARGIN * farthest
+
+
+@njit(cache=True, nogil=True)
+def _nearest_of_leaf(
+    xyz: Float32Array,
+    low: int,
+    high: int,
+    near: Float32Array,
+    rows: RowArray,
+    total: int,
+    reach: np.float32,
+    settled: np.float32,
+    distances: Float32Array,
+    chosen: RowArray,
+    radii: Float32Array,
+    nearest: RowArray,
+) -> None:
+    """Neighbours among `total` candidates of the leaf's rows [low, high) whose radius is beyond what is settled."""
+    count = nearest.shape[1]
+    guess = np.float32(0.5) * reach
+    for row in range(low, high):
+        if radii[row - low] > settled:
+            _squared_distances(near, total, xyz[0, row], xyz[1, row], xyz[2, row], distances)
+            below, guess = _kth_distance(distances, total, count, guess)
+            _choose(distances, total, below, guess, count, rows, chosen)
+            for k in range(count):
+                nearest[row, k] = chosen[k]
+            radii[row - low] = guess
 
 
 @njit(cache=True, nogil=True)
