@@ -45,12 +45,6 @@ class Grid:
         total = np.bincount(cells, weights=values, minlength=count.size).reshape(self.shape)
         return np.asarray(total / np.maximum(count, 1.0))
 
-    def centres(self) -> tuple[FloatArray, FloatArray]:
-        """x (C,) and y (R,) of the cells' centres."""
-        x = self.origin_m[0] + (np.arange(self.shape[1]) + 0.5) * self.cell_m
-        y = self.origin_m[1] + (np.arange(self.shape[0]) + 0.5) * self.cell_m
-        return x, y
-
     def sample(self, values: FloatArray, xy_m: FloatArray) -> FloatArray:
         """Values (N,) of a map (R, C) at places (N, 2), bilinear between the cells' centres."""
         return np.asarray(_bilinear(values, xy_m, self.origin_m, self.cell_m))

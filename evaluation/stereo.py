@@ -15,7 +15,7 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import binary_fill_holes, label
+from scipy.ndimage import binary_fill_holes, label, median_filter
 
 from detector.types import FrameDetection
 from evaluation.survey_detection import in_pothole
@@ -115,4 +115,6 @@ def mask_of(detection: FrameDetection, matched: MaskArray) -> MaskArray:
             in_hole += np.bincount(beside[touching & mask], minlength=count + 1)
     hidden = in_hole >= HIDDEN_SHARE * np.maximum(around, 1.0)
     hidden[0] = False
-    return np.asarray(binary_fill_holes(mask | hidden[patches]))
+    mask = binary_fill_holes(mask | hidden[patches])
+    # Pixels do not coincide with the detector's cells: single ones at the rim go with the majority about them.
+    return np.asarray(median_filter(mask.astype(np.uint8), 3) > 0)
