@@ -22,7 +22,7 @@ LEVEL_SDS = 1.5
 # Hits below the level farther than this from what is surely below the road are noise, or a sweep that is off.
 GUARD_M = 0.1
 # One ray leaves many air samples and only one solid one.
-AIR_WEIGHT = 0.55
+AIR_WEIGHT = 0.65
 # Halfway up is unbiased for upright sides.
 RISE_LEVEL_SHARE = 0.5
 # The flank of a rise is half a wave (a sinusoidal hump, TRL report 377): a quarter and half of the height lie a third

@@ -25,7 +25,7 @@ MIN_FRAMES = 2
 GROUPS = 6
 # What the sweeps of one pass share and so cannot show: floors of the standard deviations. Of ln(length) and ln(width)
 # against the truth, from passes on tuning streets; a thing's sides depend on what of it was hit.
-LN_SIDE_FLOOR = {ObstacleKind.POTHOLE: 0.038, ObstacleKind.BUMP: 0.06, ObstacleKind.DEBRIS: 0.12}
+LN_SIDE_FLOOR = {ObstacleKind.POTHOLE: 0.042, ObstacleKind.BUMP: 0.06, ObstacleKind.DEBRIS: 0.12}
 # Of ln(area) from pass to pass: what tells whether an obstacle has changed.
 LN_AREA_FLOOR_FRONT = 0.03
 LN_AREA_FLOOR_BOTH = 0.018
