@@ -17,9 +17,9 @@ SPARSE_BEYOND_M = 10.5
 """Sweeps from farther than this show a place too flat and too sparsely for any size."""
 
 HIDDEN_BELOW, SEEN_ABOVE = 0.5, 0.95
-"""Of a footprint's cells, the share in sight of at least three sweeps: below it is hidden, above not occluded."""
+"""Of a footprint's cells: hidden if fewer are in sight of any sweep, not occluded if more are in sight of three."""
 
-MIN_SIGHTS = 3
+SIGHTS = 3
 CELL_M = 0.1
 CLEAR_M = 0.2
 """A ray that ends this close to the cell saw it."""
@@ -43,8 +43,8 @@ class Verdict:
 def verdicts_of(world: World, look: Look) -> Iterator[Verdict]:
     """The verdict about a look's place as it was seen, and about the same place seen only from far away."""
     place = look.known
-    share = sight_share(world, place, look.inspected.origins_m)
-    sight = "clear" if share > SEEN_ABOVE else "hidden" if share < HIDDEN_BELOW else "partly"
+    seen_once, seen_often = sight_shares(world, place, look.inspected.origins_m)
+    sight = "clear" if seen_often > SEEN_ABOVE else "hidden" if seen_once < HIDDEN_BELOW else "partly"
     for seen, hits in ((sight, look.inspected), ("sparse", beyond(look.inspected, SPARSE_BEYOND_M))):
         verdict = inspect(hits, place)
         yield Verdict(
@@ -67,8 +67,8 @@ def size_class(place: KnownPlace) -> str:
     return "large" if place.length_m >= 0.55 else "small"
 
 
-def sight_share(world: World, place: KnownPlace, origins_m: NDArray[np.float64]) -> float:
-    """Share [0, 1] of the footprint's cells that at least three of the sensor's places (F, 3) have in clear sight."""
+def sight_shares(world: World, place: KnownPlace, origins_m: NDArray[np.float64]) -> tuple[float, float]:
+    """Shares [0, 1] of the footprint's cells in clear sight of at least one, and three, of the sensor's places (F, 3)."""
     cells = _cells(world, place)
     sights = np.zeros(len(cells), dtype=np.int64)
     for origin in origins_m:
@@ -77,7 +77,7 @@ def sight_share(world: World, place: KnownPlace, origins_m: NDArray[np.float64])
         start = np.broadcast_to(origin, away.shape).astype(np.float32)
         hits = world.cast(start, (away / distance[:, None]).astype(np.float32))
         sights += hits.distance > distance - CLEAR_M
-    return float((sights >= MIN_SIGHTS).mean())
+    return float((sights >= 1).mean()), float((sights >= SIGHTS).mean())
 
 
 def _cells(world: World, place: KnownPlace) -> NDArray[np.float64]:

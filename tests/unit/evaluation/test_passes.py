@@ -17,7 +17,7 @@ from detector.inspection import KnownPlace
 from detector.types import DetectedObstacle, ObstacleKind, ShapeDescriptor
 from evaluation.passes_descriptors import descriptor_figures
 from evaluation.passes_drive import POSE_NOISE_M, SENSORS, Pass, accumulated, looks_of_pass, plan_passes
-from evaluation.passes_inspections import Verdict, sight_share, verdict_figures, verdicts_of
+from evaluation.passes_inspections import Verdict, sight_shares, verdict_figures, verdicts_of
 from evaluation.passes_run import Plan, run
 from evaluation.passes_sizes import (
     FRONT,
@@ -188,8 +188,8 @@ def test_a_car_in_between_hides_a_place_and_an_empty_road_does_not() -> None:
     placed, car = street.obstacles[0], street.parked_cars[0]
     place = KnownPlace(np.array([car.x_m, placed.y_m, 0.0]), 0.4, 0.3, 0.0, 0.1, True, 0.05)
     beside = np.array([[car.x_m + x, 1.75, 1.7] for x in (-0.5, 0.0, 0.5)])
-    assert sight_share(World(street), place, beside) < 0.1
-    assert sight_share(World(replace(street, parked_cars=())), place, beside) == 1.0
+    assert max(sight_shares(World(street), place, beside)) < 0.1
+    assert sight_shares(World(replace(street, parked_cars=())), place, beside) == (1.0, 1.0)
 
 
 def test_a_pass_looks_at_every_obstacle_and_measures_a_large_hole() -> None:
