@@ -68,7 +68,7 @@ def size_class(place: KnownPlace) -> str:
 
 
 def sight_shares(world: World, place: KnownPlace, origins_m: NDArray[np.float64]) -> tuple[float, float]:
-    """Shares [0, 1] of the footprint's cells in clear sight of at least one, and three, of the sensor's places (F, 3)."""
+    """Shares [0, 1] of the footprint's cells that one, and three, of the sensor's places (F, 3) have in clear sight."""
     cells = _cells(world, place)
     sights = np.zeros(len(cells), dtype=np.int64)
     for origin in origins_m:

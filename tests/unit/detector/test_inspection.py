@@ -6,6 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from detector.accumulator import PlaceHits, hits_around
 from detector.inspection import KnownPlace, PlaceVerdict, inspect
@@ -76,3 +78,29 @@ def test_a_thing_on_the_place_of_a_filled_hole_is_not_the_hole() -> None:
 def test_without_hits_nothing_is_visible() -> None:
     nothing = PlaceHits(np.empty((0, 3)), np.empty(0, dtype=np.int64), np.empty((0, 3)), np.zeros(2), 1.5)
     assert inspect(nothing, PLACE) == PlaceVerdict("not_visible", 0.0, "too few sweeps or hits at the place")
+
+
+@settings(max_examples=5, deadline=None)
+@given(st.floats(-np.pi, np.pi), st.floats(-300, 300), st.floats(-300, 300), st.sampled_from([HOLE, Street()]))
+def test_a_verdict_turns_and_moves_with_the_world(angle: float, x: float, y: float, street: Street) -> None:
+    state = drive_past(street, 0.0, 0.5, -1.5, 4)
+    hits = hits_around(state, PLACE.centre_odom_m[:2], 2.5)
+    turn = np.array([[np.cos(angle), -np.sin(angle), 0], [np.sin(angle), np.cos(angle), 0], [0, 0, 1.0]])
+    shift = np.array([x, y, 3.0])
+    place = replace(PLACE, centre_odom_m=turn @ PLACE.centre_odom_m + shift, yaw_rad=(PLACE.yaw_rad + angle) % np.pi)
+    turned = PlaceHits(
+        hits.points_m @ turn.T + shift, hits.frame, hits.origins_m @ turn.T + shift, place.centre_odom_m[:2], 2.5
+    )
+    assert inspect(turned, place).outcome == inspect(hits, PLACE).outcome
+
+
+def test_hits_that_are_no_numbers_change_no_verdict() -> None:
+    hits = hits_around(drive_past(HOLE, 0.0, 0.5, -1.5, 0), PLACE.centre_odom_m[:2], PLACE.half_size_m)
+    spoilt = PlaceHits(
+        np.concatenate([hits.points_m, np.full((3, 3), np.nan)]),
+        np.concatenate([hits.frame, [0, 1, 2]]),
+        hits.origins_m,
+        hits.centre_odom_m,
+        hits.half_size_m,
+    )
+    assert inspect(spoilt, PLACE) == inspect(hits, PLACE)
