@@ -30,6 +30,8 @@ MIN_AREA_M2 = 0.0007
 OUTLINE_SD = 2.0
 # A cell was not measured when so little of its smoothed neighbourhood was.
 GAP_CERTAINTY = 0.35
+# Where so much of what surrounds a gap is deep, the wall of a hole hides what lies there.
+HIDDEN_SHARE = 0.25
 # Of a hole, road is seen on most sides; a corner that merely falls away is no hole.
 MAX_BORDER_SHARE = 0.35
 
@@ -52,7 +54,8 @@ def find_holes(relief: Relief) -> list[Hole]:
         return []
     slope = slope_of(depth, relief.grid.cell_m)
     road_slope = max(float(np.median(slope[occupied > 0.0])), 1e-6)
-    gaps = binary_opening(certainty < GAP_CERTAINTY)
+    unmeasured = binary_opening(certainty < GAP_CERTAINTY)
+    gaps = _hidden(unmeasured, depth > SEED_SD * relief.wave_m)
     cell_m = relief.grid.cell_m
     nearby = depth_nearby(depth, cell_m)
     families = contour_families(depth, nearby, slope, gaps, cell_m, OUTLINE_SD * relief.wave_m)
@@ -71,7 +74,7 @@ def find_holes(relief: Relief) -> list[Hole]:
             evidence >= RECOGNISED_SD
             and evidence * outline.slope / road_slope >= RECOGNISED_EVIDENCE
             and outline.mask.sum() * relief.grid.cell_m**2 >= MIN_AREA_M2
-            and _border_share(outline, depth.shape) <= MAX_BORDER_SHARE
+            and _border_share(outline, unmeasured & ~gaps) <= MAX_BORDER_SHARE
         ):
             holes.append(Hole(outline, evidence))
     return holes
@@ -107,12 +110,27 @@ def _rest(seed: Outline, taken: MaskArray, depth: FloatArray, least_m: float) ->
     ]
 
 
-def _border_share(outline: Outline, shape: tuple[int, ...]) -> float:
-    """Share of an outline that lies on the border of the map."""
-    padded = np.pad(outline.mask, 1)
-    around = int((binary_dilation(padded) & ~padded).sum())
-    on_border = 0
-    for axis, extent in enumerate(outline.extent):
-        lines = np.moveaxis(outline.mask, axis, 0)
-        on_border += int(lines[0].sum()) * (extent.start == 0) + int(lines[-1].sum()) * (extent.stop == shape[axis])
-    return on_border / max(around, 1)
+def _hidden(gaps: MaskArray, deep: MaskArray) -> MaskArray:
+    """The gaps (R, C) that a hole can hide: inside the survey, with much depth around them."""
+    numbers, count = components_of(gaps)
+    around, below = np.zeros(count + 1), np.zeros(count + 1)
+    padded = np.pad(numbers, 1)
+    for rows, columns in ((0, 1), (2, 1), (1, 0), (1, 2)):
+        beside = padded[rows : rows + gaps.shape[0], columns : columns + gaps.shape[1]]
+        touching = (beside > 0) & ~gaps
+        around += np.bincount(beside[touching], minlength=count + 1)
+        below += np.bincount(beside[touching & deep], minlength=count + 1)
+    hidden = below >= HIDDEN_SHARE * np.maximum(around, 1.0)
+    hidden[0] = False
+    for line in (numbers[0], numbers[-1], numbers[:, 0], numbers[:, -1]):
+        hidden[line] = False
+    return np.asarray(hidden[numbers])
+
+
+def _border_share(outline: Outline, outside: MaskArray) -> float:
+    """Share of what surrounds an outline that lies outside the survey: on the cells (R, C) named, or off the map."""
+    rows, columns = outline.extent
+    beyond = np.pad(outside, 1, constant_values=True)[rows.start : rows.stop + 2, columns.start : columns.stop + 2]
+    inside = np.pad(outline.mask, 1)
+    around = binary_dilation(inside) & ~inside
+    return float(beyond[around].mean())

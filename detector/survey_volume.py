@@ -11,7 +11,7 @@ from detector.survey_road import FINE_CELLS, Relief
 from detector.types import FloatArray, IntArray
 
 # What fills a hole runs out on its apron; what lies below the road farther from the outline is another matter.
-APRON_M = 0.04
+APRON_M = 0.035
 # A straight-edge that levels the filling rides on the road's high points: one standard deviation of its waves.
 LEVEL_SD = 1.0
 
@@ -22,8 +22,10 @@ def volume_below(relief: Relief, holes: IntArray, support: NDArray[np.bool_]) ->
     `support` (N,) are the points below the road around the holes. Cells without points take the depth of their
     neighbours; a cell between holes counts for the nearest.
     """
-    depth, _ = smooth(relief.depth_map_m, (relief.count > 0).astype(np.float64), FINE_CELLS)
-    supported = relief.grid.mean(relief.cells, support.astype(np.float64), relief.count) > 0.0
+    occupied = (relief.count > 0).astype(np.float64)
+    depth, _ = smooth(relief.depth_map_m, occupied, FINE_CELLS)
+    share, _ = smooth(relief.grid.mean(relief.cells, support.astype(np.float64), relief.count), occupied, FINE_CELLS)
+    supported = share > 0.5
     away, (row, column) = distance_transform_edt(holes == 0, return_indices=True)
     counted = (holes > 0) | (supported & (away * relief.grid.cell_m < APRON_M))
     filled = depth[counted] + LEVEL_SD * relief.wave_m

@@ -164,3 +164,19 @@ def test_the_papers_method_marks_the_rim_and_the_walls_of_a_hole_without_noise()
     wall, away = (reach > 0.92) & (reach < 0.98), reach > 2.0
     assert (detection.labels[wall] == PointClass.NEGATIVE).all()
     assert (detection.labels[away] == PointClass.SAFE_ROAD).mean() > 0.99
+
+
+def test_a_gap_outside_the_survey_is_no_part_of_a_hole_that_reaches_its_edge() -> None:
+    points = bowl(road(40_000), at=(0.62, 0.0))
+    round_view = points[np.hypot(points[:, 0], points[:, 1]) < 0.74]
+    found = survey(round_view).obstacles
+    assert len(found) == 1
+    assert found[0].centre_m[0] - 0.5 * found[0].length_m > 0.35
+    assert found[0].centre_m[0] < 0.66
+
+
+def test_a_small_hole_beside_a_large_one_is_reported_too() -> None:
+    points = bowl(bowl(road(60_000), at=(-0.25, 0.0)), length_m=0.12, width_m=0.1, depth_m=0.05, at=(0.35, 0.0))
+    found = sorted(survey(points).obstacles, key=lambda o: o.centre_m[0])
+    assert [o.centre_m[0] for o in found] == pytest.approx([-0.25, 0.35], abs=0.02)
+    assert found[1].length_m == pytest.approx(0.12, abs=0.03)
