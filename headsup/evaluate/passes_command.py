@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, NoReturn
 
@@ -25,7 +26,8 @@ def passes(
     sensors: Annotated[str, typer.Option("--sensors", help="Presets with commas: hdl64, paper, carla.")] = (
         "hdl64,paper,carla"
     ),
-    quick: Annotated[bool, typer.Option("--quick", help="One street, the paper's sensor, 50 km/h.")] = False,
+    speeds: Annotated[str, typer.Option("--speeds", help="Speeds in km/h with commas.")] = "30,50",
+    quick: Annotated[bool, typer.Option("--quick", help="One street, the paper's sensor, one speed.")] = False,
 ) -> None:
     """Drive past obstacles of exactly known size, and compare what each pass says with the truth.
 
@@ -40,13 +42,13 @@ def passes(
 
         headsup evaluate passes --json passes.json --pictures out/passes
 
-        headsup evaluate passes --seeds 201,202 --sensors hdl64
+        headsup evaluate passes --seeds 201,202 --sensors hdl64 --speeds 50
     """
     from rich.console import Console
 
     from evaluation.passes_tables import tables
 
-    plan = _plan(seeds, sensors, quick=quick)
+    plan = _plan(seeds, sensors, speeds, quick=quick)
     try:
         if pictures is not None:
             pictures.mkdir(parents=True, exist_ok=True)
@@ -54,7 +56,7 @@ def passes(
             json_file.touch()
         figures = tables(_drive(plan))
         if json_file is not None:
-            json_file.write_text(json.dumps({"seeds": plan.seeds, "sensors": plan.sensors, **figures}, indent=1) + "\n")
+            json_file.write_text(json.dumps({**asdict(plan), **figures}, indent=1) + "\n")
         if pictures is not None:
             _draw(pictures, figures)
     except OSError as error:
@@ -64,19 +66,22 @@ def passes(
         console.print(_table(name, records))
 
 
-def _plan(seeds: str, sensors: str, *, quick: bool) -> Plan:
-    from evaluation.passes_drive import SENSORS, SPEEDS_KMH
+def _plan(seeds: str, sensors: str, speeds: str, *, quick: bool) -> Plan:
+    from evaluation.passes_drive import SENSORS
     from evaluation.passes_run import Plan
 
     try:
         numbers = tuple(int(seed) for seed in seeds.split(","))
+        kmh = tuple(float(speed) for speed in speeds.split(","))
     except ValueError:
-        _refuse(f"--seeds {seeds}: give whole numbers with commas, such as 101,102")
+        _refuse("--seeds are whole numbers, --speeds numbers, both with commas, such as 101,102")
     names = tuple(sensors.split(","))
     unknown = [name for name in names if name not in SENSORS]
-    if unknown or min(numbers) < 0:
-        _refuse(f"--sensors {unknown[0]}: known are {', '.join(SENSORS)}" if unknown else "--seeds: not negative")
-    return Plan(numbers[:1], ("paper",), (50.0,)) if quick else Plan(numbers, names, SPEEDS_KMH)
+    if unknown:
+        _refuse(f"--sensors {unknown[0]}: known are {', '.join(SENSORS)}")
+    if min(numbers) < 0 or not all(5.0 <= speed <= 130.0 for speed in kmh):
+        _refuse("--seeds are not negative, --speeds from 5 to 130 km/h")
+    return Plan(numbers[:1], ("paper",), kmh[-1:]) if quick else Plan(numbers, names, kmh)
 
 
 def _drive(plan: Plan) -> PassRecord:

@@ -227,7 +227,8 @@ def test_sweeps_of_a_rolling_sensor_are_put_together_as_at_one_moment() -> None:
 
 def test_the_command_says_what_is_wrong_with_its_options() -> None:
     for options, complaint in (
-        (["--seeds", "one"], "--seeds one: give whole numbers with commas, such as 101,102"),
+        (["--seeds", "one"], "--seeds are whole numbers, --speeds numbers, both with commas, such as 101,102"),
+        (["--speeds", "500"], "--seeds are not negative, --speeds from 5 to 130 km/h"),
         (["--sensors", "radar"], "--sensors radar: known are hdl64, paper, carla"),
     ):
         answer = CliRunner().invoke(app, ["evaluate", "passes", *options])
