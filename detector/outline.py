@@ -17,7 +17,7 @@ from detector.types import FloatArray, IntArray, ObstacleKind
 
 # Near the road's level, where a wall begins: the share of the depth and the standard deviations of a hit, whichever is
 # more, at which what lies below is the hole.
-LEVEL_SHARE = 0.08
+LEVEL_SHARE = 0.05
 LEVEL_SDS = 1.5
 # Hits below the level farther than this from what is surely below the road are noise, or a sweep that is off.
 GUARD_M = 0.1
