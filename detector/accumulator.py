@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from detector.height_grid import GridFrame, grid_frame
 from detector.types import DetectorError, DetectorInput, Float32Array, FloatArray, FrameDetection, IntArray
 
 # Two sweeps from the same place say the same twice; standing still must not fill the memory.
@@ -16,6 +17,8 @@ MAX_RANGE_M = 12.0
 FORGET_BEHIND_M = 30.0
 # Holes and obstacles are within these residuals; cars and branches are above.
 RESIDUAL_BAND_M = (-0.5, 0.6)
+# Sweeps whose cells are searched together for what one of them hits once or twice.
+RECENT_FRAMES = 10
 # 30 m behind and 12 m around at 0.3 m spacing make 140; twice that bounds a car that drives in circles.
 MAX_KEYFRAMES = 280
 
@@ -30,9 +33,10 @@ class Keyframe:
 
 @dataclass(frozen=True, slots=True)
 class Accumulator:
-    """The keyframes of a drive's last metres, oldest first."""
+    """The keyframes of a drive's last metres, and the height grids of its last few, oldest first."""
 
     keyframes: tuple[Keyframe, ...] = ()
+    recent: tuple[GridFrame, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,9 +68,10 @@ def accumulate(state: Accumulator, sweep: DetectorInput, detection: FrameDetecti
     if state.keyframes and np.linalg.norm(origin - state.keyframes[-1].origin_odom_m) < KEYFRAME_SPACING_M:
         return state
     keyframe = _keyframe(odom_from_sensor, sweep.points_m, detection.residual_m)
+    cells = grid_frame(sweep.points_m, detection.residual_m, odom_from_sensor)
     forward = odom_from_sensor[:3, 0]
     near = tuple(k for k in state.keyframes if (k.origin_odom_m - origin) @ forward > -FORGET_BEHIND_M)
-    return Accumulator((*near, keyframe)[-MAX_KEYFRAMES:])
+    return Accumulator((*near, keyframe)[-MAX_KEYFRAMES:], (*state.recent, cells)[-RECENT_FRAMES:])
 
 
 def hits_around(state: Accumulator, centre_odom_xy: FloatArray, half_size_m: float = 1.5) -> PlaceHits:

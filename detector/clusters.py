@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -9,10 +10,11 @@ from numba import njit
 from scipy.ndimage import label
 
 from detector.corridor import Corridor
+from detector.ground import AHEAD_M, REACH_M
 from detector.types import FloatArray, IntArray
 
-# Deviation that flags a point: three standard deviations, but not the texture of asphalt and patches.
-FLAG_SD = 3.0
+# Deviation that flags a point, but not the texture of asphalt and patches; what is noise is told by the cluster.
+FLAG_SD = 2.5
 MIN_DEPTH_M = 0.02
 MIN_HEIGHT_M = 0.025
 # Deeper is no pothole but a reflection below the road; higher is an overhang.
@@ -23,6 +25,7 @@ CELL_M = 0.25
 # Beyond this range rings lie farther apart than a cell: cells grow with range so that neighbours stay neighbours.
 COMPRESS_FROM_M = 12.0
 MIN_POINTS = 2
+MIN_FLAGGED_SHARE = 0.25
 # One point counts for at most eight standard deviations.
 MAX_POINT_SD = 8.0
 # What stands higher is not the road's: a kerb, a wheel, a wall.
@@ -125,31 +128,55 @@ class Surroundings:
         return self.across_high_m - self.across_low_m
 
 
-def group(deviations: Deviations, candidates: np.ndarray) -> list[IntArray]:
-    """Indices of the connected clusters of at least two of the candidate points (mask (N,))."""
-    chosen = np.flatnonzero(candidates & (deviations.along_m > -BEHIND_M))
-    if chosen.size < MIN_POINTS:
+def group(deviations: Deviations, candidates: np.ndarray, cell_m: float = CELL_M) -> list[IntArray]:
+    """Indices of the connected clusters of at least two of the candidate points (mask (N,)).
+
+    Only points in cells of which they are a good part count: among many hits on the road some deviate by chance.
+    """
+    cell, occupied, taken = _taken(deviations.along_m, deviations.across_m, deviations.range_m, candidates, cell_m)
+    if taken.size < MIN_POINTS:
         return []
-    scale = _compression(deviations.range_m[chosen]) / CELL_M
-    row = np.floor(deviations.along_m[chosen] * scale).astype(np.int64)
-    column = np.floor(deviations.across_m[chosen] * scale).astype(np.int64)
-    row, column = row - row.min(), column - column.min()
-    # Doubled, with the cells between two neighbours set: cells that touch those next but one are one cluster.
-    occupied = np.zeros((int(row.max()) + 3, int(column.max()) + 3), dtype=bool)
-    for i in range(3):
-        for j in range(3):
-            occupied[row + i, column + j] = True
     components, _ = label(occupied, structure=np.ones((3, 3), dtype=np.int64))
-    component = components[row + 1, column + 1]
+    component = components.ravel()[cell]
     order = np.argsort(component, kind="stable")
     borders = np.flatnonzero(np.diff(component[order])) + 1
-    return [members for members in np.split(chosen[order], borders) if members.size >= MIN_POINTS]
+    return [members for members in np.split(taken[order], borders) if members.size >= MIN_POINTS]
 
 
-def _compression(range_m: FloatArray) -> FloatArray:
-    """Factor that makes cells grow in proportion to range beyond the limit."""
-    ratio = np.maximum(range_m / COMPRESS_FROM_M, 1.0)
-    return (1.0 + np.log(ratio)) / ratio
+@njit(cache=True, nogil=True)
+def _taken(
+    along: FloatArray, across: FloatArray, range_m: FloatArray, candidates: np.ndarray, cell_m: float
+) -> tuple[IntArray, np.ndarray, IntArray]:
+    """Cell and index of the candidates that are a good part of their cell's points, and the grid of cells that are
+    occupied by them or beside them: cells that touch those next but one are one cluster.
+
+    Cells grow with range, so that the grid is never larger than that of the strip.
+    """
+    shape = (int((BEHIND_M + AHEAD_M) / cell_m) + 4, int(2.0 * REACH_M / cell_m) + 4)
+    cell = np.full(len(along), -1, dtype=np.int64)
+    hits, marked = np.zeros(shape[0] * shape[1], dtype=np.int32), np.zeros(shape[0] * shape[1], dtype=np.int32)
+    for i in range(len(along)):
+        if along[i] <= -BEHIND_M:
+            continue
+        ratio = max(range_m[i] / COMPRESS_FROM_M, 1.0)
+        scale = (1.0 + math.log(ratio)) / ratio / cell_m if ratio > 1.0 else 1.0 / cell_m
+        row = int(along[i] * scale + BEHIND_M / cell_m) + 1
+        column = int(across[i] * scale + REACH_M / cell_m) + 1
+        if 0 < row < shape[0] - 1 and 0 < column < shape[1] - 1:
+            cell[i] = row * shape[1] + column
+            hits[cell[i]] += 1
+            marked[cell[i]] += candidates[i]
+    taken = np.flatnonzero(candidates)
+    kept = np.zeros(len(taken), dtype=np.bool_)
+    for n in range(len(taken)):
+        c = cell[taken[n]]
+        kept[n] = c >= 0 and marked[c] >= MIN_FLAGGED_SHARE * hits[c]
+    taken = taken[kept]
+    occupied = np.zeros(shape, dtype=np.bool_)
+    for n in range(len(taken)):
+        middle = divmod(cell[taken[n]], shape[1])
+        occupied[middle[0] - 1 : middle[0] + 2, middle[1] - 1 : middle[1] + 2] = True
+    return cell[taken], occupied, taken
 
 
 def surroundings(
@@ -197,12 +224,21 @@ def surroundings(
     )
 
 
-def _rows(along_m: FloatArray) -> tuple[IntArray, IntArray, int]:
+@njit(cache=True, nogil=True)
+def _rows(along: FloatArray) -> tuple[IntArray, IntArray, int]:
     """Order of points by metre of the road, where each metre begins in it, and the first metre."""
-    row = np.floor(along_m / ROW_M).astype(np.int64)
-    first = int(row.min(initial=0))
-    order = np.argsort((row - first).astype(np.int16), kind="stable")
-    starts = np.searchsorted(row[order] - first, np.arange(int(row.max(initial=0)) - first + 2))
+    if len(along) == 0:
+        return np.empty(0, dtype=np.int64), np.zeros(1, dtype=np.int64), 0
+    first, last = int(np.floor(along.min() / ROW_M)), int(np.floor(along.max() / ROW_M))
+    starts = np.zeros(last - first + 2, dtype=np.int64)
+    for i in range(len(along)):
+        starts[int(np.floor(along[i] / ROW_M)) - first + 1] += 1
+    starts = np.cumsum(starts)
+    filled, order = starts.copy(), np.empty(len(along), dtype=np.int64)
+    for i in range(len(along)):
+        row = int(np.floor(along[i] / ROW_M)) - first
+        order[filled[row]] = i
+        filled[row] += 1
     return order, starts, first
 
 

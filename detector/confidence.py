@@ -10,7 +10,8 @@ from detector.types import FloatArray
 # Less is not reported.
 MIN_CONFIDENCE = 0.6
 
-# Intercept and weights of `features`, fitted to simulated drives by `python -m evaluation.fit_confidence`.
+# Intercept and weights of `features`, fitted to simulated drives by `python -m evaluation.fit_confidence`: of the
+# clusters of one sweep, and of those in the grid of several.
 # fmt: off
 HOLE_WEIGHTS = np.array([
     -13.25, 2.069, 0.778, 2.83, 3.514, -7.866, -5.627, -0.6036, -1.449, 4.354,
@@ -22,12 +23,21 @@ RISE_WEIGHTS = np.array([
     2.504, -0.08419, 0.7345, -0.7069, -0.467, -1.405, -2.221, 0.6745, 6.702, 0.1612,
     0.5612,
 ])
+GRID_HOLE_WEIGHTS = np.array([
+    -15.73, 0.7537, 1.026, -3.95, 2.235, -5.857, -5.444, -0.0259, -2.262, -0.3955,
+    2.284, 12.05, -2.732, -0.04523, 0.188, -0.3416, -3.377, -1.989, 1.785, 1.07,
+    0.273,
+])
+GRID_RISE_WEIGHTS = np.array([
+    -22.25, 2.449, 1.198, -2.917, 0.6592, -11.3, 1.411, 0.7908, -1.112, 1.311,
+    -0.08397, 4.621, -0.5578, -0.003405, 0.3967, -2.272, -5.611, 0.6119, 0.8108, 0.1428,
+    -0.08174,
+])
 # fmt: on
 
 
-def confidence(around: Surroundings, is_negative: bool) -> FloatArray:
+def confidence(around: Surroundings, weights: FloatArray) -> FloatArray:
     """Probability (C,) that a cluster with these surroundings is an obstacle."""
-    weights = HOLE_WEIGHTS if is_negative else RISE_WEIGHTS
     return np.asarray(1.0 / (1.0 + np.exp(-(weights[0] + features(around) @ weights[1:]))))
 
 

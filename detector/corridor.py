@@ -48,18 +48,25 @@ class Corridor:
     """Strip of road about a path through the sensor: `right_m` < 0 < `left_m` are offsets across it.
 
     The path is the circle of `curvature_per_m` plus `path_m` (3,), the offsets that its terms in s, s^2 and s^3 have
-    20 m ahead.
+    20 m ahead. `profile` (3,) are the coefficients of 1, s and s^2 of the road's height over the level ground below
+    the car.
     """
 
     curvature_per_m: float
     left_m: float
     right_m: float
     path_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    profile: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
     def offset_m(self, along_m: FloatArray) -> FloatArray:
         """Offset (N,) of the path from the steering's circle at distances (N,)."""
         s = along_m / PATH_SCALE_M
         return np.asarray(s * (self.path_m[0] + s * (self.path_m[1] + s * self.path_m[2])))
+
+    def height_m(self, along_m: FloatArray) -> FloatArray:
+        """Height (N,) of the long profile at distances (N,), level beyond where it was followed."""
+        s = np.clip(along_m, -BEHIND_M, AHEAD_M)
+        return np.asarray(self.profile[0] + s * (self.profile[1] + s * self.profile[2]))
 
     def contains(self, along_m: FloatArray, across_m: FloatArray, margin_m: float = 0.0) -> np.ndarray:
         """Mask of distances along and offsets across the path inside the strip widened by `margin_m`."""
@@ -82,6 +89,7 @@ def find_corridor(ground: GroundPoints, curvature_per_m: float) -> Corridor:
         half if np.isnan(left) else left,
         -half if np.isnan(right) else -right,
         (float(path[0]), float(path[1]), float(path[2])),
+        (float(ground.profile[0]), float(ground.profile[1]), float(ground.profile[2])),
     )
 
 

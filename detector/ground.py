@@ -54,12 +54,6 @@ def near_ground(points_m: FloatArray, sensor_height_m: float, curvature_per_m: f
     return GroundPoints(index[kept], along[kept], across[kept], height[kept], profile)
 
 
-def profile_height(along_m: FloatArray, profile: FloatArray) -> FloatArray:
-    """Height (N,) of the long profile at distances (N,), level beyond where it was followed."""
-    s = np.clip(along_m, -BEHIND_M, AHEAD_M)
-    return np.asarray(profile[0] + s * (profile[1] + s * profile[2]))
-
-
 @njit(cache=True, nogil=True)
 def _flatten(profile: FloatArray, along: FloatArray, height: FloatArray) -> np.ndarray:
     """Take the profile out of the heights; a mask of those that are not below any road."""
@@ -68,6 +62,14 @@ def _flatten(profile: FloatArray, along: FloatArray, height: FloatArray) -> np.n
         height[i] -= profile[0] + along[i] * (profile[1] + along[i] * profile[2])
         kept[i] = -CROSS_BAND_M < height[i] < STANDING_M
     return kept
+
+
+def from_road_coordinates(along_m: FloatArray, across_m: FloatArray, curvature_per_m: float) -> FloatArray:
+    """Positions (N, 2) at distances along and offsets across (N,) a circle: the inverse of `road_coordinates`."""
+    if abs(curvature_per_m) < 1e-9:
+        return np.stack([along_m, across_m], axis=1)
+    angle, radius = along_m * curvature_per_m, 1.0 / curvature_per_m - across_m
+    return np.stack([radius * np.sin(angle), 1.0 / curvature_per_m - radius * np.cos(angle)], axis=1)
 
 
 def road_coordinates(points_m: FloatArray, curvature_per_m: float) -> tuple[FloatArray, FloatArray]:

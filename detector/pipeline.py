@@ -2,18 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
 
-from detector.clusters import MAX_POINT_SD, Cluster, Deviations
-from detector.corridor import Corridor, find_corridor
-from detector.ground import GroundPoints, near_ground, profile_height
+from detector.clusters import MAX_POINT_SD, Cluster
 from detector.recognition import recognise
 from detector.saliency import SALIENT, saliency_map
 from detector.segmentation import segment
-from detector.surface import MARGIN_M, fit_surface
+from detector.strip import Strip, road_strip
 from detector.survey import on_survey
 from detector.sweep import estimate_sensor_height, usable_points
 from detector.types import (
@@ -29,15 +26,6 @@ from detector.verification import find_clusters
 __all__ = ["Method", "detect", "estimate_sensor_height"]
 
 Method = Literal["surface", "saliency"]
-
-
-@dataclass(frozen=True, slots=True)
-class Strip:
-    """The points on the corridor and its margin: indices (S,), deviations from the road, mask of the corridor."""
-
-    indices: IntArray
-    deviations: Deviations
-    in_corridor: np.ndarray
 
 
 def detect(sweep: DetectorInput, method: Method = "surface") -> FrameDetection:
@@ -57,38 +45,23 @@ def detect(sweep: DetectorInput, method: Method = "surface") -> FrameDetection:
         saliency=_scatter(findings.saliency, usable, np.zeros(total, dtype=np.float32)),
         residual_m=_scatter(findings.residual_m, usable, np.full(total, np.nan, dtype=np.float32)),
         obstacles=findings.obstacles,
+        corridor=findings.corridor,
     )
 
 
 def _on_road(points: FloatArray, sweep: DetectorInput, sensor_height_m: float, method: Method) -> Findings:
     """What a sweep from a vehicle shows: usable points (M, 3), one viewpoint, a road that steering points along."""
-    ground = near_ground(points, sensor_height_m, sweep.curvature_per_m)
-    corridor = find_corridor(ground, sweep.curvature_per_m)
-    strip = _strip(ground, corridor, sensor_height_m)
+    strip = road_strip(points, sensor_height_m, sweep.curvature_per_m)
     saliency = saliency_map(points) if method == "saliency" else _deviation_saliency(strip, len(points))
     candidates = strip.in_corridor & (saliency[strip.indices] > (SALIENT if method == "saliency" else 0.0))
-    clusters = find_clusters(strip.deviations, candidates, corridor)
-    height = points[:, 2] + sensor_height_m - profile_height(points[:, 0], ground.profile)
+    clusters = find_clusters(strip.deviations, candidates, strip.corridor)
+    height = points[:, 2] + sensor_height_m - strip.corridor.height_m(points[:, 0])
     obstacles = tuple(
         recognise(points[strip.indices], strip.deviations.residual_m, strip.deviations.noise_m, c) for c in clusters
     )
     residual = np.full(len(points), np.nan)
     residual[strip.indices] = strip.deviations.residual_m
-    return Findings(_labels(strip, candidates, clusters, height), saliency, residual, obstacles)
-
-
-def _strip(ground: GroundPoints, corridor: Corridor, sensor_height_m: float) -> Strip:
-    across = ground.across_m - corridor.offset_m(ground.along_m)
-    chosen = np.flatnonzero(corridor.contains(ground.along_m, across, MARGIN_M))
-    along, across, height = ground.along_m[chosen], across[chosen], ground.height_m[chosen]
-    surface = fit_surface(along, across, height, corridor)
-    if surface is None:
-        chosen, along, across, height = chosen[:0], along[:0], across[:0], height[:0]
-    range_m = np.hypot(along, across)
-    residual = height - surface.height_m(along, across) if surface else height
-    noise = surface.noise_at(range_m) if surface else height
-    deviations = Deviations(along, across, range_m, residual, noise, sensor_height_m)
-    return Strip(ground.index[chosen], deviations, corridor.contains(along, across))
+    return Findings(_labels(strip, candidates, clusters, height), saliency, residual, obstacles, strip.corridor)
 
 
 def _deviation_saliency(strip: Strip, count: int) -> FloatArray:

@@ -16,6 +16,8 @@ from detector.types import FloatArray, IntArray
 CELL_M = 0.25
 # The strip is evaluated this far beyond its edges, and no farther: a pavement would bend the road around a place.
 MARGIN_M = 0.25
+# The road's own hits in a cell lie this close together: noise, and 5 % of fall over the cell.
+LAYER_M = 0.08
 MIN_CELLS = 30
 MAX_CELLS = 2000
 # Scales of the quadratic's coordinates, for conditioning.
@@ -33,18 +35,26 @@ CORRECTION_CUTOFFS_M = (0.15, 0.06, 0.04)
 # do not take part in the last correction, or it would follow a low bump.
 OBSTACLE_SD = 2.5
 OBSTACLE_MIN_M = 0.015
+SOUND_ROUNDS = 2
+# Enough to know a median absolute deviation in every range and strip.
+MAX_NOISE_HITS = 12_000
+# Noise is measured by range and by strips of this width across: beside the lane lie gutters, verges and setts.
+ZONE_M = 2.0
 NOISE_RANGE_EDGES_M = np.array([0.0, 5.0, 8.0, 12.0, 18.0, 25.0, 35.0, 65.0])
 # Residuals above this are obstacles, not noise.
 NOISE_BAND_M = 0.1
 # LiDAR range resolution; the noise of simulated clouds can be zero.
 NOISE_FLOOR_M = 0.002
+# Asphalt under real LiDARs spreads by 1.0 to 1.3 cm; more is a place that the surface does not fit, as before a car.
+NOISE_CEILING_M = 0.018
 MIN_NOISE_HITS = 30
 NOISE_BINS = 200
 
 
 @dataclass(frozen=True, slots=True)
 class RoadSurface:
-    """Height of the road over its profile at (along, across), and the noise of hits about it by range (1 sigma)."""
+    """Height of the road over its profile at (along, across), and the noise of hits about it (1 sigma) by range and
+    strip."""
 
     coefficients: FloatArray
     correction_m: FloatArray
@@ -55,9 +65,9 @@ class RoadSurface:
         """Height (N,) over the profile at distances along and offsets across the path (N,)."""
         return np.asarray(_height(self.coefficients, self.correction_m, self.across_start_m, along_m, across_m))
 
-    def noise_at(self, range_m: FloatArray) -> FloatArray:
-        """Standard deviation (N,) of hits about the road at ranges (N,)."""
-        return np.asarray(self.noise_m[np.clip(_bin_of(range_m), 0, len(self.noise_m) - 1)])
+    def noise_at(self, range_m: FloatArray, across_m: FloatArray) -> FloatArray:
+        """Standard deviation (N,) of hits about the road at ranges and offsets across the path (N,)."""
+        return np.asarray(_noise_at(self.noise_m, self.across_start_m, range_m, across_m))
 
 
 def fit_surface(
@@ -75,28 +85,36 @@ def fit_surface(
     correction = np.zeros_like(residual)
     for cutoff in CORRECTION_CUTOFFS_M:
         correction = _correction(_tukey_weights(certainty, residual - correction, cutoff), residual)
-    first = RoadSurface(coefficients, correction, start, np.empty(0))
-    noise = _noise_by_range(first, along_m, across_m, height_m, corridor)
-    sound = _sound_weights(certainty, residual - correction, noise, start)
-    return RoadSurface(coefficients, _correction(sound, residual), start, noise)
+    surface = RoadSurface(coefficients, correction, start, np.empty(0))
+    for _ in range(SOUND_ROUNDS):
+        noise = _noise(surface, along_m, across_m, height_m)
+        sound = _sound_weights(certainty, residual - surface.correction_m, noise, start)
+        surface = RoadSurface(coefficients, _correction(sound, residual), start, noise)
+    return RoadSurface(coefficients, surface.correction_m, start, _noise(surface, along_m, across_m, height_m))
 
 
 @njit(cache=True, nogil=True)
 def _cell_means(
     along: FloatArray, across: FloatArray, height: FloatArray, start: float, columns: int
 ) -> tuple[FloatArray, FloatArray]:
+    """Hits and mean height of the lowest layer of each cell: of a kerb or a bumper over the road, the road's."""
     rows = int((AHEAD_M + BEHIND_M) / CELL_M)
-    count, total = np.zeros((rows, columns)), np.zeros((rows, columns))
+    cell = np.full(len(along), -1, dtype=np.int64)
+    lowest = np.full(rows * columns, np.inf)
     for i in range(len(along)):
         row, column = int((along[i] + BEHIND_M) / CELL_M), int((across[i] - start) / CELL_M)
         if 0 <= row < rows and 0 <= column < columns and height[i] < CROSS_BAND_M:
-            count[row, column] += 1.0
-            total[row, column] += height[i]
-    for row in range(rows):
-        for column in range(columns):
-            if count[row, column] > 0.0:
-                total[row, column] /= count[row, column]
-    return count, total
+            cell[i] = row * columns + column
+            lowest[cell[i]] = min(lowest[cell[i]], height[i])
+    count, total = np.zeros(rows * columns), np.zeros(rows * columns)
+    for i in range(len(along)):
+        if cell[i] >= 0 and height[i] < lowest[cell[i]] + LAYER_M:
+            count[cell[i]] += 1.0
+            total[cell[i]] += height[i]
+    for k in range(rows * columns):
+        if count[k] > 0.0:
+            total[k] /= count[k]
+    return count.reshape((rows, columns)), total.reshape((rows, columns))
 
 
 def _fit_quadratic(count: FloatArray, mean: FloatArray, start: float) -> FloatArray | None:
@@ -150,7 +168,8 @@ def _sound_weights(certainty: FloatArray, residual: FloatArray, noise: FloatArra
         for column in range(columns):
             if certainty[row, column] == 0.0:
                 continue
-            sd = noise[_noise_bin(math.hypot(along, (column + 0.5) * CELL_M + start))]
+            across = (column + 0.5) * CELL_M + start
+            sd = noise[_noise_bin(math.hypot(along, across)), _zone(across, start, noise.shape[1])]
             if abs(residual[row, column]) > max(OBSTACLE_SD * sd, OBSTACLE_MIN_M):
                 for i in range(max(row - 1, 0), min(row + 2, rows)):
                     for j in range(max(column - 1, 0), min(column + 2, columns)):
@@ -222,41 +241,64 @@ def _noise_bin(range_m: float) -> int:
     return 0
 
 
-def _bin_of(range_m: FloatArray) -> IntArray:
-    return np.asarray(np.searchsorted(NOISE_RANGE_EDGES_M, range_m, side="right") - 1, dtype=np.int64)
-
-
-def _noise_by_range(
-    surface: RoadSurface, along_m: FloatArray, across_m: FloatArray, height_m: FloatArray, corridor: Corridor
-) -> FloatArray:
-    """Noise of each range bin by the median absolute deviation; a bin with few hits takes its nearer neighbour's."""
-    inside = corridor.contains(along_m, across_m)
-    along, across = along_m[inside], across_m[inside]
-    residual = np.abs(height_m[inside] - surface.height_m(along, across))
-    counts = _deviation_counts(residual, np.hypot(along, across))
-    noise = np.array([_median_deviation(row) for row in counts])
-    known = np.flatnonzero(np.isfinite(noise))
-    if known.size == 0:
-        return np.full(noise.size, NOISE_BAND_M / 3.0)
-    return noise[known[np.clip(np.searchsorted(known, np.arange(noise.size), side="right") - 1, 0, None)]]
+@njit(cache=True, nogil=True)
+def _zone(across: float, start: float, zones: int) -> int:
+    return min(max(int((across - start) / ZONE_M), 0), zones - 1)
 
 
 @njit(cache=True, nogil=True)
-def _deviation_counts(deviation: FloatArray, range_m: FloatArray) -> IntArray:
-    """Histogram (range bin, deviation bin) of absolute deviations up to the band."""
-    counts = np.zeros((len(NOISE_RANGE_EDGES_M) - 1, NOISE_BINS), dtype=np.int64)
+def _noise_at(noise: FloatArray, start: float, range_m: FloatArray, across: FloatArray) -> FloatArray:
+    found = np.empty(len(range_m))
+    for i in range(len(range_m)):
+        found[i] = noise[_noise_bin(range_m[i]), _zone(across[i], start, noise.shape[1])]
+    return found
+
+
+def _noise(surface: RoadSurface, along_m: FloatArray, across_m: FloatArray, height_m: FloatArray) -> FloatArray:
+    """Noise by range and strip by the median absolute deviation; where few are hit, that of the whole range, and of the
+    range before it."""
+    chosen = slice(None, None, max(len(along_m) // MAX_NOISE_HITS, 1))
+    along, across = along_m[chosen], across_m[chosen]
+    deviation = np.abs(height_m[chosen] - surface.height_m(along, across))
+    zones = max(math.ceil(surface.correction_m.shape[1] * CELL_M / ZONE_M), 1)
+    return np.asarray(_noise_of(deviation, np.hypot(along, across), across, surface.across_start_m, zones))
+
+
+@njit(cache=True, nogil=True)
+def _noise_of(deviation: FloatArray, range_m: FloatArray, across: FloatArray, start: float, zones: int) -> FloatArray:
+    bins = len(NOISE_RANGE_EDGES_M) - 1
+    counts = np.zeros((bins, zones, NOISE_BINS), dtype=np.int64)
     for i in range(len(deviation)):
         if deviation[i] < NOISE_BAND_M:
-            counts[_noise_bin(range_m[i]), int(deviation[i] / NOISE_BAND_M * NOISE_BINS)] += 1
-    return counts
+            k = min(int(deviation[i] / NOISE_BAND_M * NOISE_BINS), NOISE_BINS - 1)
+            counts[_noise_bin(range_m[i]), _zone(across[i], start, zones), k] += 1
+    of_range = np.full(bins, NOISE_CEILING_M)
+    first, known = True, NOISE_CEILING_M
+    for b in range(bins):
+        noise = _median_deviation(counts[b].sum(axis=0))
+        if not math.isnan(noise):
+            if first:
+                of_range[:b] = noise
+            first, known = False, noise
+        of_range[b] = known
+    found = np.empty((bins, zones))
+    for b in range(bins):
+        for zone in range(zones):
+            noise = _median_deviation(counts[b, zone])
+            found[b, zone] = of_range[b] if math.isnan(noise) else noise
+    return found
 
 
+@njit(cache=True, nogil=True)
 def _median_deviation(counts: IntArray) -> float:
     """Standard deviation from a histogram of absolute deviations, NaN of too few."""
     total = counts.sum()
     if total < MIN_NOISE_HITS:
         return math.nan
-    reached = np.cumsum(counts)
-    k = int(np.searchsorted(reached, total / 2.0))
-    within = (total / 2.0 - (reached[k] - counts[k])) / counts[k]
-    return max(MAD_TO_SD * float(k + within) * NOISE_BAND_M / NOISE_BINS, NOISE_FLOOR_M)
+    reached, k = 0, 0
+    while reached + counts[k] < 0.5 * total:
+        reached += counts[k]
+        k += 1
+    within = (0.5 * total - reached) / counts[k]
+    noise = MAD_TO_SD * (k + within) * NOISE_BAND_M / NOISE_BINS
+    return float(min(max(noise, NOISE_FLOOR_M), NOISE_CEILING_M))

@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
+from numba import njit
+from numpy.typing import NDArray
 
 from detector.robust import fit_tukey
 from detector.types import DetectorError, DetectorInput, Float32Array, FloatArray, IntArray
@@ -34,19 +38,35 @@ def usable_points(sweep: DetectorInput) -> tuple[FloatArray, IntArray]:
         raise DetectorError(f"sensor_height_m is {sweep.sensor_height_m}: give the sensor's height over the road, > 0")
     if not np.isfinite(sweep.curvature_per_m):
         raise DetectorError("curvature_per_m is not finite: give 0 where the steering is unknown")
-    points = _finite_points(sweep.points_m)
+    points = _checked_shape(sweep.points_m)
     if sweep.sensor_height_m is None:
-        return _usable_of_survey(points)
-    range_m = np.hypot(points[:, 0], points[:, 1])
-    usable = np.isfinite(range_m) & np.isfinite(points[:, 2])
-    median = float(np.median(range_m[usable])) if usable.any() else 0.0
-    if median > MAX_MEDIAN_RANGE_M:
+        return _usable_of_survey(points.astype(np.float64))
+    usable, indices, finite, far = _usable(points)
+    if far > finite / 2:
         raise DetectorError(
-            f"the median point lies {median:.0f} m away, no LiDAR sees a road like that: are the points in millimetres "
-            "or in map coordinates? Metres in the sensor frame are expected"
+            f"half of the points lie more than {MAX_MEDIAN_RANGE_M:.0f} m away, no LiDAR sees such a road: are they "
+            "in millimetres or in map coordinates? Metres in the sensor frame are expected"
         )
-    indices = np.flatnonzero(usable & (range_m > MIN_RANGE_M) & (range_m < MAX_RANGE_M))
-    return points[indices], indices
+    return usable, indices
+
+
+@njit(cache=True, nogil=True)
+def _usable(points: FloatArray) -> tuple[FloatArray, IntArray, int, int]:
+    """Finite points between car and the end of any LiDAR's reach, their indices, and how many are finite, and far."""
+    kept, indices = np.empty((len(points), 3)), np.empty(len(points), dtype=np.int64)
+    count, finite, far = 0, 0, 0
+    for i in range(len(points)):
+        x, y, z = float(points[i, 0]), float(points[i, 1]), float(points[i, 2])
+        square = x * x + y * y
+        if not (math.isfinite(square) and math.isfinite(z)):
+            continue
+        finite += 1
+        far += square > MAX_MEDIAN_RANGE_M * MAX_MEDIAN_RANGE_M
+        if MIN_RANGE_M * MIN_RANGE_M < square < MAX_RANGE_M * MAX_RANGE_M:
+            kept[count, 0], kept[count, 1], kept[count, 2] = x, y, z
+            indices[count] = i
+            count += 1
+    return kept[:count].copy(), indices[:count].copy(), finite, far
 
 
 def _usable_of_survey(points: FloatArray) -> tuple[FloatArray, IntArray]:
@@ -64,10 +84,10 @@ def _usable_of_survey(points: FloatArray) -> tuple[FloatArray, IntArray]:
     return points, indices
 
 
-def _finite_points(points_m: Float32Array) -> FloatArray:
+def _checked_shape(points_m: Float32Array) -> NDArray[np.floating]:
     if points_m.ndim != 2 or points_m.shape[1] != 3:
         raise DetectorError(f"points_m has shape {points_m.shape}: (N, 3) is expected")
-    return points_m.astype(np.float64)
+    return np.ascontiguousarray(points_m, dtype=np.float32 if points_m.dtype == np.float32 else np.float64)
 
 
 def estimate_sensor_height(points_m: Float32Array) -> float:
@@ -75,7 +95,7 @@ def estimate_sensor_height(points_m: Float32Array) -> float:
 
     Raises DetectorError where no ground is seen between 3 and 15 m.
     """
-    points = _finite_points(points_m)
+    points = _checked_shape(points_m).astype(np.float64)
     range_m = np.hypot(points[:, 0], points[:, 1])
     with np.errstate(invalid="ignore"):
         ring = (range_m > GROUND_RANGE_M[0]) & (range_m < GROUND_RANGE_M[1]) & np.isfinite(points[:, 2])

@@ -4,9 +4,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import IntEnum, StrEnum
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
+
+if TYPE_CHECKING:
+    from detector.corridor import Corridor
 
 Float32Array = NDArray[np.float32]
 FloatArray = NDArray[np.float64]
@@ -108,21 +112,24 @@ class DetectedObstacle:
 @dataclass(frozen=True, slots=True)
 class Findings:
     """What a method says of the usable points (M, 3): classes (M,) uint8 (`PointClass`), saliency (M,) in [0, 1],
-    residual (M,) to the road surface in metres (NaN where there is none), and obstacles in the points' frame."""
+    residual (M,) to the road surface in metres (NaN where there is none), obstacles in the points' frame, and the
+    road's corridor where a vehicle drives along one."""
 
     labels: LabelArray
     saliency: FloatArray
     residual_m: FloatArray
     obstacles: tuple[DetectedObstacle, ...]
+    corridor: Corridor | None = None
 
 
 @dataclass(frozen=True, slots=True)
 class FrameDetection:
     """Result of one sweep: a class (uint8, `PointClass`) and a saliency (float32, [0, 1]) for every input point in
-    input order, the residual of each point to the road surface in metres (NaN where there is no surface), and the
-    obstacles in the `sensor` frame."""
+    input order, the residual of each point to the road surface in metres (NaN where there is no surface), the
+    obstacles in the `sensor` frame, and the corridor they were searched in (None for a survey)."""
 
     labels: LabelArray
     saliency: Float32Array
     residual_m: Float32Array
     obstacles: tuple[DetectedObstacle, ...]
+    corridor: Corridor | None = None

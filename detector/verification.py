@@ -2,16 +2,21 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
-from detector.clusters import Cluster, Deviations, Surroundings, group, surroundings
-from detector.confidence import MIN_CONFIDENCE, confidence
+from detector.clusters import CELL_M, Cluster, Deviations, Surroundings, group, surroundings
+from detector.confidence import HOLE_WEIGHTS, MIN_CONFIDENCE, RISE_WEIGHTS, confidence
 from detector.corridor import Corridor
+from detector.types import FloatArray, IntArray
 
 # Two points at 3.5 standard deviations each.
 MIN_EVIDENCE = 25.0
-# Beyond these ranges a wave of the road cannot be told from a low obstacle, nor a thing from the end of what is seen.
-MAX_LOW_RANGE_M = 32.0
+# Beyond these ranges a crest of the road cannot be told from a low rise, a wave of it from a hole, nor a thing from the
+# end of what is seen.
+MAX_LOW_RANGE_M = 25.0
+MAX_HOLE_RANGE_M = 32.0
 MAX_RANGE_M = 42.0
 # Obstacles on the road are shorter than a car and lower than its bonnet; only a low hump lies across the road.
 MAX_EXTENT_M = 2.5
@@ -34,17 +39,43 @@ MAX_BESIDE_SHARE = 0.6
 MIN_STANDING_SHARE = 0.1
 
 
+@dataclass(frozen=True, slots=True)
+class Candidates:
+    """Clusters of one sign, what lies around them, and which of them (mask) pass for obstacles."""
+
+    groups: list[IntArray]
+    around: Surroundings
+    is_negative: bool
+    plausible: np.ndarray
+
+
+def candidates_of(
+    deviations: Deviations, flagged: np.ndarray, is_negative: bool, corridor: Corridor, cell_m: float = CELL_M
+) -> Candidates:
+    """Clusters of flagged points (mask (N,)) of one sign."""
+    groups = group(deviations, flagged, cell_m)
+    around = surroundings(deviations, groups, is_negative, corridor)
+    return Candidates(groups, around, is_negative, plausible(around, is_negative))
+
+
 def find_clusters(deviations: Deviations, candidates: np.ndarray, corridor: Corridor) -> list[Cluster]:
-    """Clusters among the candidate points (mask (N,)) that are likely obstacles on the road, holes first."""
+    """Clusters among the candidate points (mask (N,)) of a sweep that are likely obstacles on the road, holes first."""
     found: list[Cluster] = []
     for is_negative, flagged in ((True, deviations.below), (False, deviations.above)):
-        groups = group(deviations, flagged & candidates)
-        if not groups:
-            continue
-        around = surroundings(deviations, groups, is_negative, corridor)
-        sure = np.where(plausible(around, is_negative), confidence(around, is_negative), 0.0)
-        found += [Cluster(groups[c], is_negative, float(sure[c])) for c in np.flatnonzero(sure >= MIN_CONFIDENCE)]
+        of_sign = candidates_of(deviations, flagged & candidates, is_negative, corridor)
+        found += likely(of_sign, HOLE_WEIGHTS if is_negative else RISE_WEIGHTS)
     return found
+
+
+def likely(candidates: Candidates, weights: FloatArray) -> list[Cluster]:
+    """The plausible clusters that a model believes in."""
+    chosen = np.flatnonzero(candidates.plausible)
+    sure = confidence(candidates.around, weights)
+    return [
+        Cluster(candidates.groups[c], candidates.is_negative, float(sure[c]))
+        for c in chosen
+        if sure[c] >= MIN_CONFIDENCE
+    ]
 
 
 def plausible(around: Surroundings, is_negative: bool) -> np.ndarray:
@@ -59,7 +90,7 @@ def _is_hole(around: Surroundings) -> np.ndarray:
     small = np.maximum(around.extent_along_m, around.extent_across_m) < MAX_EXTENT_M
     level = around.side_mean_m.max(axis=1) < MAX_BESIDE_SHARE * around.relief_m
     unshadowed = around.side_standing[:, 0] < MIN_STANDING_SHARE * around.side_count[:, 0]
-    inside = (around.edge_m > EDGE_MARGIN_M) & (around.range_m < MAX_LOW_RANGE_M)
+    inside = (around.edge_m > EDGE_MARGIN_M) & (around.range_m < MAX_HOLE_RANGE_M)
     covered = around.count > MIN_HOLE_AREA_M2 * around.density_per_m2
     closed = (around.covered > MIN_COVERED) | (around.extent_across_m < NARROW_M)
     return np.asarray(
@@ -72,7 +103,8 @@ def _is_stripe(around: Surroundings, ratio: float) -> np.ndarray:
 
 
 def _is_rise(around: Surroundings) -> np.ndarray:
-    """Road is seen before a rise and, but for a hump from edge to edge, beside it; behind only what is low."""
+    """Road is seen before a rise, or on both sides where the car hides it before; but for a hump from edge to edge also
+    beside it; behind only what is low."""
     share = around.side_mean_m / around.relief_m[:, None]
     before, behind, left, right = (share[:, k] < MAX_BESIDE_SHARE for k in range(4))
     seen = around.side_count > 0
@@ -83,4 +115,5 @@ def _is_rise(around: Surroundings) -> np.ndarray:
     alone = (across < MAX_EXTENT_M) & (around.edge_m > EDGE_MARGIN_M) & ((seen[:, 2] & left) | (seen[:, 3] & right))
     near = around.range_m < np.where(low, MAX_LOW_RANGE_M, MAX_RANGE_M)
     sound = seen[:, 1] & behind & ~_is_stripe(around, MAX_HUMP_RATIO)
-    return np.asarray(small & near & seen[:, 0] & before & (is_hump | alone) & (~low | sound))
+    open_before = (seen[:, 0] & before) | (~seen[:, 0] & seen[:, 2] & left & seen[:, 3] & right)
+    return np.asarray(small & near & open_before & (is_hump | alone) & (~low | sound))

@@ -123,15 +123,15 @@ def _placed(
     return placed_obstacle(rng, number, (trial.kind, shape), street.main.line, place, street.main.section.lane_width_m)
 
 
-def drive(on: Course, lidar: LidarModel, seed: int) -> Iterator[Moment]:
-    """Turns of the LiDAR at 10 Hz along the course at 50 km/h; poses carry the error of odometry.
+def drive(on: Course, lidar: LidarModel, seed: int, speed_mps: float = SPEED_MPS) -> Iterator[Moment]:
+    """Turns of the LiDAR along the course at its own rate; poses carry the error of odometry.
 
     Each turn is taken from one place: what a vehicle's motion within it does is the client's to undo.
     """
     rng = np.random.default_rng([seed, on.seed])
-    times = np.linspace(0.0, LENGTH_M / SPEED_MPS, 4)
-    motion = Trajectory(on.path, times, DRAWN_BEYOND_M + SPEED_MPS * times, Sway(), seed)
-    for time_s in np.arange(0.0, times[-1], 0.1):
+    times = np.linspace(0.0, LENGTH_M / speed_mps, 4)
+    motion = Trajectory(on.path, times, DRAWN_BEYOND_M + speed_mps * times, Sway(), seed)
+    for time_s in np.arange(0.0, times[-1], 1.0 / lidar.rate_hz):
         at = np.array([time_s])
         street_from_vehicle = motion.poses(at)[0]
         street_from_sensor = street_from_vehicle @ pose(0.0, 0.0, lidar.height_m)

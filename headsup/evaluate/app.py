@@ -4,8 +4,11 @@ from __future__ import annotations
 
 import typer
 
+from headsup.evaluate.carved_command import carved
 from headsup.evaluate.figures_command import evaluate_figures
+from headsup.evaluate.lidar_command import lidar
 from headsup.evaluate.passes_command import passes
+from headsup.evaluate.real_command import real
 from headsup.evaluate.table1_command import table1
 from headsup.evaluate.table2_command import table2
 from headsup.evaluate.volume_command import volume
@@ -29,3 +32,6 @@ evaluate_app.command("table1")(table1)
 evaluate_app.command("table2")(table2)
 evaluate_app.command("volume")(volume)
 evaluate_app.command("passes")(passes)
+evaluate_app.command("lidar")(lidar)
+evaluate_app.command("carved")(carved)
+evaluate_app.command("real")(real)

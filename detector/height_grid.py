@@ -1,0 +1,145 @@
+"""The road as a bird's-eye grid over several sweeps: what one sweep touches once or twice adds up to a shape."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit
+
+from detector.clusters import Deviations
+from detector.corridor import AHEAD_M, BEHIND_M, Corridor
+from detector.ground import road_coordinates
+from detector.robust import MAD_TO_SD
+from detector.types import Float32Array, FloatArray, IntArray
+
+CELL_M = 0.1
+# Rings beyond this lie metres apart, and what a sweep says of the road there is mostly its own hits.
+MAX_RANGE_M = 40.0
+# Cells are smoothed over a fifth of the smallest hole.
+SIGMA_M = 0.06
+# Less than what one hit is worth in the cell beside it says nothing about a cell.
+MIN_WEIGHT = 0.03
+# Cells of equal certainty: smoothed hits up to these.
+WEIGHT_CLASSES = np.array([0.0, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0])
+# Texture of asphalt within a cell, and what the pose leaves between sweeps.
+NOISE_FLOOR_M = 0.002
+MIN_CLASS_CELLS = 50
+NOISE_BAND_M = 0.1
+
+
+@dataclass(frozen=True, slots=True)
+class GridFrame:
+    """Cells (K,) of one sweep's strip of road: middle of the cell in `odom` (K, 2), hits, and their summed residual to
+    that sweep's own surface, which takes out its errors of pitch, roll and height."""
+
+    centre_odom_m: FloatArray
+    hits: FloatArray
+    total_m: FloatArray
+
+
+def grid_frame(points_m: Float32Array, residual_m: Float32Array, odom_from_sensor: FloatArray) -> GridFrame:
+    """Cells of a sweep: points (N, 3) in `sensor`, residuals (N,) with NaN off the strip, pose (4, 4)."""
+    with np.errstate(invalid="ignore"):
+        chosen = np.flatnonzero(np.isfinite(residual_m) & (np.hypot(points_m[:, 0], points_m[:, 1]) < MAX_RANGE_M))
+    if chosen.size == 0:
+        return GridFrame(np.empty((0, 2)), np.empty(0), np.empty(0))
+    xy = points_m[chosen].astype(np.float64) @ odom_from_sensor[:2, :3].T + odom_from_sensor[:2, 3]
+    cell = np.floor(xy / CELL_M).astype(np.int64)
+    first = cell.min(axis=0)
+    width = int(cell[:, 0].max() - first[0]) + 1
+    height = int(cell[:, 1].max() - first[1]) + 1
+    index = (cell[:, 1] - first[1]) * width + cell[:, 0] - first[0]
+    found, hits, total = _sums(index, residual_m[chosen].astype(np.float64), width * height)
+    centre = np.stack([found % width + first[0], found // width + first[1]], axis=1) + 0.5
+    return GridFrame(centre * CELL_M, hits, total)
+
+
+@njit(cache=True, nogil=True)
+def _sums(index: IntArray, residual: FloatArray, cells: int) -> tuple[IntArray, FloatArray, FloatArray]:
+    """Cells that were hit, in the order of the grid, with their hits and summed residuals."""
+    hits, total = np.zeros(cells), np.zeros(cells)
+    for i in range(len(index)):
+        hits[index[i]] += 1.0
+        total[index[i]] += residual[i]
+    found = np.flatnonzero(hits)
+    return found, hits[found], total[found]
+
+
+def deviations_over(
+    frames: tuple[GridFrame, ...], sensor_from_odom: FloatArray, corridor: Corridor, sensor_height_m: float
+) -> Deviations:
+    """Deviations of the smoothed cells of several sweeps, along and across the corridor of the latest."""
+    centres = np.concatenate([frame.centre_odom_m for frame in frames])
+    xy = centres @ sensor_from_odom[:2, :2].T + sensor_from_odom[:2, 3]
+    along, across = road_coordinates(xy, corridor.curvature_per_m)
+    hits, total = (np.concatenate([getattr(frame, name) for frame in frames]) for name in ("hits", "total_m"))
+    shape = (int((AHEAD_M + BEHIND_M) / CELL_M), int((corridor.left_m - corridor.right_m) / CELL_M) + 1)
+    weight, mean = _smoothed(along, across - corridor.offset_m(along), hits, total, corridor.right_m, shape, _kernel())
+    row, column = np.nonzero(weight > MIN_WEIGHT)
+    along = np.asarray((row + 0.5) * CELL_M - BEHIND_M, dtype=np.float64)
+    across = np.asarray((column + 0.5) * CELL_M + corridor.right_m, dtype=np.float64)
+    residual = mean[row, column]
+    noise = _noise(residual, weight[row, column])
+    return Deviations(along, across, np.hypot(along, across), residual, noise, sensor_height_m)
+
+
+def _kernel() -> FloatArray:
+    reach = int(np.ceil(2.5 * SIGMA_M / CELL_M))
+    steps = np.arange(-reach, reach + 1, dtype=np.float64) * CELL_M / SIGMA_M
+    kernel = np.exp(-0.5 * np.square(steps))
+    return np.asarray(kernel / kernel.sum(), dtype=np.float64)
+
+
+@njit(cache=True, nogil=True)
+def _smoothed(
+    along: FloatArray,
+    across: FloatArray,
+    hits: FloatArray,
+    total: FloatArray,
+    right: float,
+    shape: tuple[int, int],
+    kernel: FloatArray,
+) -> tuple[FloatArray, FloatArray]:
+    """Smoothed hits and mean residual of each cell of the strip."""
+    rows, columns = shape
+    weight, summed = np.zeros((rows, columns)), np.zeros((rows, columns))
+    for i in range(len(along)):
+        row, column = int(np.floor((along[i] + BEHIND_M) / CELL_M)), int(np.floor((across[i] - right) / CELL_M))
+        if 0 <= row < rows and 0 <= column < columns:
+            weight[row, column] += hits[i]
+            summed[row, column] += total[i]
+    reach = len(kernel) // 2
+    w, v = np.zeros((rows, columns)), np.zeros((rows, columns))
+    for row in range(rows):
+        for column in range(columns):
+            if weight[row, column] > 0.0:
+                for j in range(max(-reach, -column), min(reach + 1, columns - column)):
+                    w[row, column + j] += kernel[j + reach] * weight[row, column]
+                    v[row, column + j] += kernel[j + reach] * summed[row, column]
+    weight[:], summed[:] = 0.0, 0.0
+    for row in range(rows):
+        for i in range(max(-reach, -row), min(reach + 1, rows - row)):
+            for column in range(columns):
+                weight[row, column] += kernel[i + reach] * w[row + i, column]
+                summed[row, column] += kernel[i + reach] * v[row + i, column]
+    for row in range(rows):
+        for column in range(columns):
+            if weight[row, column] > 0.0:
+                summed[row, column] /= weight[row, column]
+    return weight, summed
+
+
+def _noise(residual_m: FloatArray, weight: FloatArray) -> FloatArray:
+    """Standard deviation (K,) of the cells' means, measured among those of equal certainty."""
+    kind = np.searchsorted(WEIGHT_CLASSES, weight, side="right") - 1
+    noise = np.empty(len(weight))
+    known = NOISE_BAND_M / 3.0
+    for k in range(len(WEIGHT_CLASSES)):
+        mine = kind == k
+        flat = np.abs(residual_m[mine])
+        flat = flat[flat < NOISE_BAND_M]
+        if flat.size >= MIN_CLASS_CELLS:
+            known = max(MAD_TO_SD * float(np.median(flat)), NOISE_FLOOR_M)
+        noise[mine] = known
+    return noise

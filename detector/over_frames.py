@@ -1,0 +1,67 @@
+"""Obstacles in what the last sweeps saw together: farther than one sweep shows them, and surer."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from detector.accumulator import Accumulator
+from detector.clusters import Cluster, Deviations
+from detector.confidence import GRID_HOLE_WEIGHTS, GRID_RISE_WEIGHTS
+from detector.corridor import Corridor
+from detector.ground import from_road_coordinates
+from detector.height_grid import CELL_M, deviations_over
+from detector.recognition import recognise
+from detector.types import DetectedObstacle, DetectorError, DetectorInput, FloatArray, FrameDetection
+from detector.verification import Candidates, candidates_of, likely
+
+# Deeper than manhole covers sink (2 cm), and the same the other way.
+MIN_RELIEF_M = 0.025
+FLAG_SD = 3.0
+# Cells at the strip's border are half kerb.
+EDGE_MARGIN_M = 0.15
+
+
+def detect_over_frames(
+    state: Accumulator, sweep: DetectorInput, detection: FrameDetection
+) -> tuple[DetectedObstacle, ...]:
+    """Obstacles in the cells of the state's last sweeps, in the frame `sensor` of the latest one.
+
+    `sweep` and `detection` are the latest, already accumulated. Raises DetectorError without `odom_from_sensor` or for
+    a survey, which has no corridor.
+    """
+    if sweep.odom_from_sensor is None or sweep.sensor_height_m is None or detection.corridor is None:
+        raise DetectorError("sweeps are put together along a road: odom_from_sensor and sensor_height_m are needed")
+    if not state.recent:
+        return ()
+    corridor = detection.corridor
+    sensor_from_odom: FloatArray = np.asarray(np.linalg.inv(sweep.odom_from_sensor), dtype=np.float64)
+    deviations = deviations_over(state.recent, sensor_from_odom, corridor, sweep.sensor_height_m)
+    holes, rises = grid_candidates(deviations, corridor)
+    clusters = likely(holes, GRID_HOLE_WEIGHTS) + likely(rises, GRID_RISE_WEIGHTS)
+    points = _cells_in_sensor(deviations, corridor, sweep.sensor_height_m)
+    return tuple(_obstacle(points, deviations, cluster, len(state.recent)) for cluster in clusters)
+
+
+def grid_candidates(deviations: Deviations, corridor: Corridor) -> tuple[Candidates, Candidates]:
+    """Clusters of low and of high cells."""
+    inside = deviations.across_m < corridor.left_m - EDGE_MARGIN_M
+    inside &= deviations.across_m > corridor.right_m + EDGE_MARGIN_M
+    limit = np.maximum(FLAG_SD * deviations.noise_m, MIN_RELIEF_M)
+    low, high = inside & (deviations.residual_m < -limit), inside & (deviations.residual_m > limit)
+    return candidates_of(deviations, low, True, corridor, CELL_M), candidates_of(
+        deviations, high, False, corridor, CELL_M
+    )
+
+
+def _cells_in_sensor(deviations: Deviations, corridor: Corridor, sensor_height_m: float) -> FloatArray:
+    """Cells (K, 3) in the frame `sensor`, on the long profile plus their residual."""
+    across = deviations.across_m + corridor.offset_m(deviations.along_m)
+    xy = from_road_coordinates(deviations.along_m, across, corridor.curvature_per_m)
+    z = corridor.height_m(deviations.along_m) - sensor_height_m + deviations.residual_m
+    return np.concatenate([xy, z[:, None]], axis=1)
+
+
+def _obstacle(points: FloatArray, deviations: Deviations, cluster: Cluster, frames: int) -> DetectedObstacle:
+    return replace(recognise(points, deviations.residual_m, deviations.noise_m, cluster), frames=frames)
