@@ -6,10 +6,10 @@ from typing import Literal
 
 import numpy as np
 
-from detector.clusters import MAX_POINT_SD, Cluster
+from detector.clusters import MAX_POINT_SD
 from detector.recognition import recognise
 from detector.saliency import SALIENT, saliency_map
-from detector.segmentation import segment
+from detector.segmentation import STANDING_M, segment
 from detector.strip import Strip, road_strip
 from detector.survey import on_survey
 from detector.sweep import estimate_sensor_height, usable_points
@@ -21,7 +21,7 @@ from detector.types import (
     IntArray,
     LabelArray,
 )
-from detector.verification import find_clusters
+from detector.verification import Found, find_clusters
 
 __all__ = ["Method", "detect", "estimate_sensor_height"]
 
@@ -54,14 +54,16 @@ def _on_road(points: FloatArray, sweep: DetectorInput, sensor_height_m: float, m
     strip = road_strip(points, sensor_height_m, sweep.curvature_per_m)
     saliency = saliency_map(points) if method == "saliency" else _deviation_saliency(strip, len(points))
     candidates = strip.in_corridor & (saliency[strip.indices] > (SALIENT if method == "saliency" else 0.0))
-    clusters = find_clusters(strip.deviations, candidates, strip.corridor)
+    found = find_clusters(strip.deviations, candidates, strip.corridor)
     height = points[:, 2] + sensor_height_m - strip.corridor.height_m(points[:, 0])
     obstacles = tuple(
-        recognise(points[strip.indices], strip.deviations.residual_m, strip.deviations.noise_m, c) for c in clusters
+        recognise(points[strip.indices], strip.deviations.residual_m, strip.deviations.noise_m, c)
+        for c in found.clusters
     )
     residual = np.full(len(points), np.nan)
     residual[strip.indices] = strip.deviations.residual_m
-    return Findings(_labels(strip, candidates, clusters, height), saliency, residual, obstacles, strip.corridor)
+    labels = _labels(points, height, strip, found)
+    return Findings(labels, saliency, residual, obstacles, strip.corridor)
 
 
 def _deviation_saliency(strip: Strip, count: int) -> FloatArray:
@@ -72,14 +74,16 @@ def _deviation_saliency(strip: Strip, count: int) -> FloatArray:
     return saliency
 
 
-def _labels(strip: Strip, candidates: np.ndarray, clusters: list[Cluster], height_m: FloatArray) -> LabelArray:
-    found = [strip.indices[cluster.indices] for cluster in clusters]
+def _labels(points: FloatArray, height_m: FloatArray, strip: Strip, found: Found) -> LabelArray:
+    standing = strip.deviations.residual_m > STANDING_M
+    obstacles = [cluster.indices for cluster in found.clusters]
     return segment(
+        points,
         height_m,
-        strip.indices[strip.in_corridor & ~strip.deviations.below & ~strip.deviations.above],
-        strip.indices[candidates & strip.deviations.below],
-        strip.indices[candidates & strip.deviations.above],
-        np.concatenate(found) if found else strip.indices[:0],
+        safe=strip.indices[strip.in_corridor & ~standing],
+        below=strip.indices[found.low],
+        above=strip.indices[np.union1d(found.high, np.flatnonzero(standing & strip.in_corridor))],
+        on_obstacle=strip.indices[np.concatenate(obstacles)] if obstacles else strip.indices[:0],
     )
 
 

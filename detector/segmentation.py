@@ -5,25 +5,33 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from detector.types import FloatArray, LabelArray, PointClass
+from detector.types import FloatArray, IntArray, LabelArray, PointClass
 
-# Off the road, what stands higher than a kerb is dangerous to drive into.
-OUTSIDE_HEIGHT_M = 0.2
-SAFE_ROAD, OUTSIDE = int(PointClass.SAFE_ROAD), int(PointClass.OUTSIDE)
+# What stands higher than a kerb is dangerous to drive into.
+STANDING_M = 0.2
+# Off the road the ground may rise by this much over the road's long profile: where the hits of a square metre lie within
+# the second of each other, they are a bank or a lawn and not the foot of a wall.
+BANK_M, BANK_RELIEF_M = 1.0, 0.4
+CELL_M = 1.0
+REACH_M = 60.0
+OUTSIDE = int(PointClass.OUTSIDE)
 
 
 def segment(
+    points_m: FloatArray,
     height_m: FloatArray,
-    safe: np.ndarray,
-    below: np.ndarray,
-    above: np.ndarray,
-    on_obstacle: np.ndarray,
+    *,
+    safe: IntArray,
+    below: IntArray,
+    above: IntArray,
+    on_obstacle: IntArray,
 ) -> LabelArray:
-    """Classes (N,) uint8 of points.
+    """Classes (N,) uint8 of points (N, 3).
 
-    `height_m` is over the road's long profile; `safe`, `below`, `above` and `on_obstacle` are indices of points.
+    `height_m` (N,) is over the road's long profile; the others are indices: of the road, of what deviates from it
+    together, low and high, and of recognised obstacles.
     """
-    labels: LabelArray = _off_road(height_m)
+    labels: LabelArray = _off_road(points_m, height_m)
     labels[safe] = PointClass.SAFE_ROAD
     labels[below] = PointClass.NEGATIVE
     labels[above] = PointClass.POSITIVE
@@ -32,9 +40,22 @@ def segment(
 
 
 @njit(cache=True, nogil=True)
-def _off_road(height: FloatArray) -> LabelArray:
-    labels = np.zeros(len(height), dtype=np.uint8)
-    for i in range(len(height)):
-        if height[i] > OUTSIDE_HEIGHT_M:
+def _off_road(points: FloatArray, height: FloatArray) -> LabelArray:
+    """OUTSIDE for what stands, UNCLASSIFIED for flat ground."""
+    cells = int(2.0 * REACH_M / CELL_M)
+    lowest, highest = np.full((cells, cells), np.inf), np.full((cells, cells), -np.inf)
+    for i in range(len(points)):
+        row, column = int((points[i, 0] + REACH_M) / CELL_M), int((points[i, 1] + REACH_M) / CELL_M)
+        if 0 <= row < cells and 0 <= column < cells:
+            lowest[row, column] = min(lowest[row, column], height[i])
+            highest[row, column] = max(highest[row, column], height[i])
+    labels = np.zeros(len(points), dtype=np.uint8)
+    for i in range(len(points)):
+        row, column = int((points[i, 0] + REACH_M) / CELL_M), int((points[i, 1] + REACH_M) / CELL_M)
+        is_bank = False
+        if 0 <= row < cells and 0 <= column < cells:
+            low, high = lowest[row, column], highest[row, column]
+            is_bank = low < BANK_M and high - low < BANK_RELIEF_M
+        if height[i] > STANDING_M and not is_bank:
             labels[i] = OUTSIDE
     return labels

@@ -58,13 +58,25 @@ def candidates_of(
     return Candidates(groups, around, is_negative, plausible(around, is_negative))
 
 
-def find_clusters(deviations: Deviations, candidates: np.ndarray, corridor: Corridor) -> list[Cluster]:
-    """Clusters among the candidate points (mask (N,)) of a sweep that are likely obstacles on the road, holes first."""
-    found: list[Cluster] = []
-    for is_negative, flagged in ((True, deviations.below), (False, deviations.above)):
-        of_sign = candidates_of(deviations, flagged & candidates, is_negative, corridor)
-        found += likely(of_sign, HOLE_WEIGHTS if is_negative else RISE_WEIGHTS)
-    return found
+@dataclass(frozen=True, slots=True)
+class Found:
+    """Likely obstacles of a sweep, holes first, and the indices of all points that deviate together, low and high."""
+
+    clusters: list[Cluster]
+    low: IntArray
+    high: IntArray
+
+
+def find_clusters(deviations: Deviations, candidates: np.ndarray, corridor: Corridor) -> Found:
+    """Clusters among the candidate points (mask (N,)) of a sweep."""
+    low = candidates_of(deviations, deviations.below & candidates, True, corridor)
+    high = candidates_of(deviations, deviations.above & candidates, False, corridor)
+    clusters = likely(low, HOLE_WEIGHTS) + likely(high, RISE_WEIGHTS)
+    return Found(clusters, _members(low), _members(high))
+
+
+def _members(candidates: Candidates) -> IntArray:
+    return np.concatenate(candidates.groups) if candidates.groups else np.empty(0, dtype=np.int64)
 
 
 def likely(candidates: Candidates, weights: FloatArray) -> list[Cluster]:

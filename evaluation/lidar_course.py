@@ -34,6 +34,8 @@ LENGTH_M = 190.0
 SPACING_M = 11.0
 FIRST_M = 30.0
 SPEED_MPS = 50.0 / 3.6
+# Of a faster LiDAR's turns as many are processed as of a slow one's.
+TURN_S = 0.1
 # Odometry over the second that is accumulated: what repeats from pass to pass was measured with the same.
 POSE_SD_M, POSE_SD_RAD = 0.01, math.radians(0.1)
 # A point of the road is seen when nothing stands this much nearer on the line to it.
@@ -124,14 +126,14 @@ def _placed(
 
 
 def drive(on: Course, lidar: LidarModel, seed: int, speed_mps: float = SPEED_MPS) -> Iterator[Moment]:
-    """Turns of the LiDAR along the course at its own rate; poses carry the error of odometry.
+    """Ten turns of the LiDAR a second along the course; poses carry the error of odometry.
 
     Each turn is taken from one place: what a vehicle's motion within it does is the client's to undo.
     """
     rng = np.random.default_rng([seed, on.seed])
     times = np.linspace(0.0, LENGTH_M / speed_mps, 4)
     motion = Trajectory(on.path, times, DRAWN_BEYOND_M + speed_mps * times, Sway(), seed)
-    for time_s in np.arange(0.0, times[-1], 1.0 / lidar.rate_hz):
+    for time_s in np.arange(0.0, times[-1], TURN_S):
         at = np.array([time_s])
         street_from_vehicle = motion.poses(at)[0]
         street_from_sensor = street_from_vehicle @ pose(0.0, 0.0, lidar.height_m)

@@ -60,7 +60,7 @@ def ring_near(road: Deviations, range_m: float) -> np.ndarray:
 
 
 def clusters_of(road: Deviations) -> list[Cluster]:
-    return find_clusters(road, CORRIDOR.contains(road.along_m, road.across_m), CORRIDOR)
+    return find_clusters(road, CORRIDOR.contains(road.along_m, road.across_m), CORRIDOR).clusters
 
 
 def hole_at(road: Deviations, range_m: float, length_m: float = 0.9, width_m: float = 0.7) -> np.ndarray:
