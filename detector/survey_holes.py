@@ -59,15 +59,18 @@ def find_holes(relief: Relief) -> list[Hole]:
     cell_m = relief.grid.cell_m
     nearby = depth_nearby(depth, cell_m)
     families = contour_families(depth, nearby, slope, gaps, cell_m, OUTLINE_SD * relief.wave_m)
-    taken = np.zeros(depth.shape, dtype=bool)
+    # Cells that no further seed may begin with.
+    taken = depth < BASIN_SHARE * nearby
     holes = []
     while seeds:
         seed = seeds.pop(0)
-        outline = outline_of(families, seed, taken, float(occupied.sum()))
+        outline = outline_of(families, seed, float(occupied.sum()))
         if outline is None:
             continue
         taken[outline.extent] |= outline.mask
-        seeds += _rest(seed, taken | (depth < BASIN_SHARE * nearby), depth, least_m)
+        for family in families:
+            family.take(outline)
+        seeds += _rest(seed, taken, depth, least_m)
         measured = outline.mask & ~gaps[outline.extent]
         evidence = float(np.percentile(depth[outline.extent][measured], 95)) / relief.wave_m
         if (

@@ -51,8 +51,8 @@ class Outline:
 class Family:
     """What lies deeper than one share of the depth nearby: components (R, C) with their extents.
 
-    For each component its number of cells, of rim cells, of gap cells, and the means along its rim of the slope and of
-    the slope of the depth relative to the depth nearby.
+    For each component its number of cells, of rim cells, of gap cells, the means along its rim of the slope and of the
+    slope of the depth relative to the depth nearby, and whether an outline has taken cells of it.
     """
 
     components: IntArray
@@ -62,6 +62,11 @@ class Family:
     gap_cells: FloatArray
     slope: FloatArray
     relative_slope: FloatArray
+    taken: MaskArray
+
+    def take(self, outline: Outline) -> None:
+        """Note that an outline has cells of these components."""
+        self.taken[self.components[outline.extent][outline.mask]] = True
 
 
 def slope_of(depth_m: FloatArray, cell_m: float) -> FloatArray:
@@ -80,12 +85,12 @@ def contour_families(
     return [_family(depth_m > np.maximum(share * nearby_m, least_m), gaps, slope, relative) for share in SHARES]
 
 
-def outline_of(families: list[Family], seed: Outline, taken: MaskArray, map_cells: float) -> Outline | None:
-    """Outline of the hole that a seed lies in, leaving alone what is taken (R, C); None where no level has one.
+def outline_of(families: list[Family], seed: Outline, map_cells: float) -> Outline | None:
+    """Outline of the hole that a seed lies in, leaving alone what is taken; None where no level has one.
 
     A level's great components on the seed count together: a hole with two basins is one, also where a level parts them.
     """
-    parts = [_parts(family, seed, taken) for family in families]
+    parts = [_parts(family, seed) for family in families]
     values = np.array([_sums(family, numbers) for family, numbers in zip(families, parts, strict=True)])
     cells, rim, gap, slope, relative = values.T
     fits = (cells - gap >= MIN_CELLS) & (cells <= MAX_AREA_SHARE * map_cells)
@@ -98,12 +103,10 @@ def outline_of(families: list[Family], seed: Outline, taken: MaskArray, map_cell
     return _union(families[chosen], parts[chosen], float(slope[chosen]))
 
 
-def _parts(family: Family, seed: Outline, taken: MaskArray) -> IntArray:
+def _parts(family: Family, seed: Outline) -> IntArray:
     """The components on a seed that are not much smaller than the greatest and leave alone what is taken."""
-    numbers = family.components[seed.extent]
-    on_seed = np.unique(numbers[seed.mask])
-    on_taken = np.unique(family.components[taken])
-    parts = on_seed[(on_seed > 0) & ~np.isin(on_seed, on_taken)]
+    on_seed = np.unique(family.components[seed.extent][seed.mask])
+    parts = on_seed[(on_seed > 0) & ~family.taken[on_seed]]
     if parts.size == 0:
         return parts
     return np.asarray(parts[family.cells[parts] >= PART_SHARE * family.cells[parts].max()])
@@ -145,7 +148,7 @@ def _family(deep: MaskArray, gaps: MaskArray, slope: FloatArray, relative: Float
     n = np.maximum(total(rim), 1.0)
     extents = [(rows, columns) for rows, columns in find_objects(components)]
     means = (total(rim, slope) / n, total(rim, relative) / n)
-    return Family(components, extents, total(deep), n, total(deep & gaps), *means)
+    return Family(components, extents, total(deep), n, total(deep & gaps), *means, np.zeros(count + 1, dtype=bool))
 
 
 def _filled(mask: MaskArray) -> MaskArray:
