@@ -9,8 +9,8 @@ from detector.types import FloatArray, IntArray, LabelArray, PointClass
 
 # What stands higher than a kerb is dangerous to drive into.
 STANDING_M = 0.2
-# Off the road the ground may rise by this much over the road's long profile: where the hits of a square metre lie within
-# the second of each other, they are a bank or a lawn and not the foot of a wall.
+# Off the road the ground may rise by the first over the road's long profile: where the hits of a square metre lie
+# within the second of each other, they are a bank or a lawn and not a wall's foot.
 BANK_M, BANK_RELIEF_M = 1.0, 0.4
 CELL_M = 1.0
 REACH_M = 60.0

@@ -26,8 +26,8 @@ HUMP_MIN_WIDTH_M = 1.0
 EDGE_MARGIN_M = 0.05
 # A stripe along one ring, longer than the gap to the rings beside it is wide, is that ring's own error.
 MAX_STRIPE_RATIO = 2.2
-# A hump may be as wide as a 3.5 m lane; the shortest made are 0.4 m long.
-MAX_HUMP_RATIO = 9.0
+# A hump may be as wide as a 3.5 m lane; the shortest made are 0.4 m long, their ends lost in noise.
+MAX_HUMP_RATIO = 10.0
 # Where the car hides the road before a hole, its own edge is seen and not a rim.
 MIN_COVERED = 0.6
 NARROW_M = 0.2

@@ -19,11 +19,11 @@ from simulator.street import Roughness
 
 FloatArray = NDArray[np.float64]
 
-FIT_SEEDS = tuple(range(1001, 1011))
+FIT_SEEDS = tuple(range(1001, 1013))
 RANGE_SD_M = 0.02
 # Speeds in km/h, one for each seed in turn.
 SPEEDS_KPH = (50.0, 50.0, 30.0)
-SENSORS_A_SEED = 2
+SENSORS_A_SEED = 1
 NAMES = {
     (True, False): "HOLE_WEIGHTS",
     (False, False): "RISE_WEIGHTS",

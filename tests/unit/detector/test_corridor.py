@@ -9,6 +9,8 @@ from hypothesis import strategies as st
 
 from detector.corridor import find_corridor
 from detector.ground import from_road_coordinates, near_ground, road_coordinates
+from detector.pipeline import detect
+from detector.types import DetectorInput, PointClass
 
 SENSOR_HEIGHT_M = 1.73
 KERB_M = 0.12
@@ -54,3 +56,21 @@ def test_a_road_without_kerbs_has_the_default_width() -> None:
     flat = road(0.0, left_m=20.0, right_m=-20.0)
     corridor = find_corridor(near_ground(flat, SENSOR_HEIGHT_M, 0.0), 0.0)
     assert (corridor.left_m, corridor.right_m) == (3.5, -3.5)
+
+
+def road_share(labels: np.ndarray, on_road: np.ndarray) -> float:
+    """Intersection over union of what is called road and what is."""
+    called = np.isin(labels, [PointClass.SAFE_ROAD, PointClass.NEGATIVE, PointClass.POSITIVE])
+    return float((called & on_road).sum() / (called | on_road).sum())
+
+
+def test_on_a_curve_of_thirty_metres_the_true_steering_finds_more_of_the_road_than_none() -> None:
+    rng = np.random.default_rng(2)
+    s, t = rng.uniform(3.0, 30.0, 60_000), rng.uniform(-7.0, 9.0, 60_000)
+    on_road = (t < 4.5) & (t > -1.7)
+    z = np.where(on_road, 0.0, KERB_M) + rng.normal(0.0, 0.005, s.size) - SENSOR_HEIGHT_M
+    points = np.concatenate([from_road_coordinates(s, t, 1 / 30), z[:, None]], axis=1).astype(np.float32)
+    steered = road_share(detect(DetectorInput(points, SENSOR_HEIGHT_M, 1 / 30)).labels, on_road)
+    straight = road_share(detect(DetectorInput(points, SENSOR_HEIGHT_M, 0.0)).labels, on_road)
+    assert steered > 0.9
+    assert steered > straight + 0.05
