@@ -28,6 +28,8 @@ SMALL_M = (0.35, 0.30, 0.05)
 LARGE_STEEPNESS = 0.16
 SMALL_STEEPNESS = 0.32
 MIN_HITS_PER_M2 = 60.0
+# An obstacle shows with fewer than its absence does; with less than this, so does noise.
+PRESENT_HITS_PER_M2 = 30.0
 MIN_FRAMES = 3
 CELL_M = 0.1
 MIN_FILLED = 0.8
@@ -89,6 +91,8 @@ def inspect(hits: PlaceHits, place: KnownPlace) -> PlaceVerdict:
     if hits.frames < MIN_FRAMES or len(hits.points_m) < MIN_HITS_PER_M2:
         return PlaceVerdict("not_visible", visible, "too few sweeps or hits at the place")
     level = levelled(hits)
+    if _density_per_m2(hits, level, place) < PRESENT_HITS_PER_M2:
+        return PlaceVerdict("not_visible", visible, "too few hits")
     found = _found(hits, level, place)
     if found == "present":
         return PlaceVerdict("present", visible, "an obstacle of this sign and size lies here")
@@ -148,17 +152,23 @@ def _why_blind(hits: PlaceHits, level: Levelled, place: KnownPlace, filled: floa
     if not place.is_at_least(SMALL_M):
         return "smaller than any obstacle whose absence can be seen"
     steepness = LARGE_STEEPNESS if place.is_at_least(LARGE_M) else SMALL_STEEPNESS
-    near = _in_box(hits.centre_odom_m + level.xy_m, place, place.reach_m + BORDER_M)
-    area = (place.length_m + 2 * (place.reach_m + BORDER_M)) * (place.width_m + 2 * (place.reach_m + BORDER_M))
-    if near.sum() < MIN_HITS_PER_M2 * area:
+    if _density_per_m2(hits, level, place) < MIN_HITS_PER_M2:
         return "too few hits"
-    if np.median(level.tangent[near]) < steepness:
+    # Flatter hits of the same pass take nothing away from what the steep ones show.
+    if _density_per_m2(hits, level, place, steepness) < MIN_HITS_PER_M2:
         return "seen too flat for its size"
     if filled < MIN_FILLED:
         return "part of the place was hidden"
     if _cell_noise(level) > MAX_CELL_NOISE_M:
         return "too noisy for its size"
     return None
+
+
+def _density_per_m2(hits: PlaceHits, level: Levelled, place: KnownPlace, steepness: float = 0.0) -> float:
+    """Hits at least so steep per square metre of place and border."""
+    margin_m = place.reach_m + BORDER_M
+    near = _in_box(hits.centre_odom_m + level.xy_m, place, margin_m) & (level.tangent >= steepness)
+    return float(near.sum()) / ((place.length_m + 2.0 * margin_m) * (place.width_m + 2.0 * margin_m))
 
 
 def _cell_noise(level: Levelled) -> float:
