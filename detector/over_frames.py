@@ -19,6 +19,8 @@ from detector.verification import Candidates, candidates_of, likely
 # Deeper than manhole covers sink (2 cm), and the same the other way.
 MIN_RELIEF_M = 0.025
 FLAG_SD = 3.0
+# What ten sweeps agree on is asked to be surer than what one shows: it is looked at ten times as often.
+MIN_CONFIDENCE = 0.85
 # Cells at the strip's border are half kerb.
 EDGE_MARGIN_M = 0.15
 
@@ -39,7 +41,7 @@ def detect_over_frames(
     sensor_from_odom: FloatArray = np.asarray(np.linalg.inv(sweep.odom_from_sensor), dtype=np.float64)
     deviations = deviations_over(state.recent, sensor_from_odom, corridor, sweep.sensor_height_m)
     holes, rises = grid_candidates(deviations, corridor)
-    clusters = likely(holes, GRID_HOLE_WEIGHTS) + likely(rises, GRID_RISE_WEIGHTS)
+    clusters = likely(holes, GRID_HOLE_WEIGHTS, MIN_CONFIDENCE) + likely(rises, GRID_RISE_WEIGHTS, MIN_CONFIDENCE)
     points = _cells_in_sensor(deviations, corridor, sweep.sensor_height_m)
     return tuple(_obstacle(points, deviations, cluster, len(state.recent)) for cluster in clusters)
 

@@ -18,6 +18,8 @@ MIN_EVIDENCE = 25.0
 MAX_LOW_RANGE_M = 25.0
 MAX_HOLE_RANGE_M = 32.0
 MAX_RANGE_M = 42.0
+# The far edge of the neighbouring lane: what lies beyond is nobody's who drives here, and its road hardly seen.
+MAX_OFFSET_M = 6.0
 # Obstacles on the road are shorter than a car and lower than its bonnet; only a low hump lies across the road.
 MAX_EXTENT_M = 2.5
 MAX_HEIGHT_M = 0.6
@@ -79,20 +81,21 @@ def _members(candidates: Candidates) -> IntArray:
     return np.concatenate(candidates.groups) if candidates.groups else np.empty(0, dtype=np.int64)
 
 
-def likely(candidates: Candidates, weights: FloatArray) -> list[Cluster]:
-    """The plausible clusters that a model believes in."""
+def likely(candidates: Candidates, weights: FloatArray, least: float = MIN_CONFIDENCE) -> list[Cluster]:
+    """The plausible clusters that a model believes in at least so much."""
     chosen = np.flatnonzero(candidates.plausible)
     sure = confidence(candidates.around, weights)
     return [
         Cluster(candidates.groups[c], candidates.is_negative, float(sure[c]))
         for c in chosen
-        if sure[c] >= MIN_CONFIDENCE
+        if sure[c] >= least
     ]
 
 
 def plausible(around: Surroundings, is_negative: bool) -> np.ndarray:
     """Mask (C,) of the clusters that pass for obstacles."""
-    enough = around.evidence >= MIN_EVIDENCE
+    offset = np.abs(0.5 * (around.across_low_m + around.across_high_m))
+    enough = (around.evidence >= MIN_EVIDENCE) & (offset < MAX_OFFSET_M)
     return np.asarray(enough & (_is_hole(around) if is_negative else _is_rise(around)))
 
 
