@@ -19,6 +19,8 @@ FORGET_BEHIND_M = 30.0
 RESIDUAL_BAND_M = (-0.5, 0.6)
 # Sweeps whose cells are searched together for what one of them hits once or twice.
 RECENT_FRAMES = 10
+# Poses that were written with four decimals are still rigid.
+RIGID_TOLERANCE = 1e-3
 # 30 m behind and 12 m around at 0.3 m spacing make 140; twice that bounds a car that drives in circles.
 MAX_KEYFRAMES = 280
 
@@ -61,7 +63,7 @@ class PlaceHits:
 def accumulate(state: Accumulator, sweep: DetectorInput, detection: FrameDetection) -> Accumulator:
     """The state after one more sweep; the same state if the car has not moved since the last one kept.
 
-    Raises DetectorError without `odom_from_sensor`, or with one that is not a finite (4, 4) matrix.
+    Raises DetectorError without `odom_from_sensor`, or with one that is not a rigid (4, 4) transform.
     """
     odom_from_sensor = _pose(sweep)
     origin = odom_from_sensor[:3, 3]
@@ -98,6 +100,10 @@ def _pose(sweep: DetectorInput) -> FloatArray:
         raise DetectorError("accumulating needs odom_from_sensor: sweeps without a pose cannot be put together")
     if pose.shape != (4, 4) or not np.isfinite(pose).all():
         raise DetectorError("odom_from_sensor is not a finite (4, 4) transform")
+    turn = pose[:3, :3]
+    is_rigid = np.allclose(turn @ turn.T, np.eye(3), atol=RIGID_TOLERANCE) and np.linalg.det(turn) > 0.0
+    if not is_rigid or not np.allclose(pose[3], (0.0, 0.0, 0.0, 1.0)):
+        raise DetectorError("odom_from_sensor is no rigid transform: a turn and a place in metres are expected")
     return pose
 
 

@@ -26,6 +26,7 @@ STEP_BAND_M = 0.1
 STEP_BAND_GRADE = 0.03
 SLOPE_GAIN = 0.3
 MIN_BINS = 4
+MIN_BIN_HITS = 3
 BIN_SD_M = 0.02
 # A pavement lies one kerb and its own fall above the road's edge.
 CROSS_BAND_M = 0.4
@@ -148,11 +149,21 @@ def _follow(height: FloatArray, start: IntArray) -> FloatArray:
                 break
             mine = height[start[b] : start[b + 1]]
             band = STEP_BAND_M + STEP_BAND_GRADE * BIN_M * (step - last)
-            near = mine[np.abs(mine - level - slope * (step - last)) < band]
-            if len(near) < 3:
+            expected = level + slope * (step - last)
+            if last == 0:
+                # Nothing is followed yet: the lowest of what may be ground, on whatever slope the car looks at.
+                wide = mine[np.abs(mine) < STEP_BAND_M + BAND_GRADE * BIN_M * step]
+                if len(wide) < MIN_BIN_HITS:
+                    continue
+                expected = np.sort(wide)[len(wide) // 10]
+                band = STEP_BAND_M
+            near = mine[np.abs(mine - expected) < band]
+            if len(near) < MIN_BIN_HITS:
                 continue
             median = np.median(near)
-            if last > 0:
+            if last == 0:
+                slope = median / (step + 0.5)
+            else:
                 slope += SLOPE_GAIN * ((median - level) / (step - last) - slope)
             level, last = median, step
             followed[b] = median

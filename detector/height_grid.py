@@ -30,8 +30,8 @@ NOISE_BAND_M = 0.1
 
 @dataclass(frozen=True, slots=True)
 class GridFrame:
-    """Cells (K,) of one sweep's strip of road: middle of the cell in `odom` (K, 2), hits, and their summed residual to
-    that sweep's own surface, which takes out its errors of pitch, roll and height."""
+    """Cells (K,) of one sweep's strip of road: middle of the cell and mean height of its hits in `odom` (K, 3), hits,
+    and their summed residual to that sweep's own surface, which takes out its errors of pitch, roll and height."""
 
     centre_odom_m: FloatArray
     hits: FloatArray
@@ -43,27 +43,30 @@ def grid_frame(points_m: Float32Array, residual_m: Float32Array, odom_from_senso
     with np.errstate(invalid="ignore"):
         chosen = np.flatnonzero(np.isfinite(residual_m) & (np.hypot(points_m[:, 0], points_m[:, 1]) < MAX_RANGE_M))
     if chosen.size == 0:
-        return GridFrame(np.empty((0, 2)), np.empty(0), np.empty(0))
-    xy = points_m[chosen].astype(np.float64) @ odom_from_sensor[:2, :3].T + odom_from_sensor[:2, 3]
-    cell = np.floor(xy / CELL_M).astype(np.int64)
+        return GridFrame(np.empty((0, 3)), np.empty(0), np.empty(0))
+    hit = points_m[chosen].astype(np.float64) @ odom_from_sensor[:3, :3].T + odom_from_sensor[:3, 3]
+    cell = np.floor(hit[:, :2] / CELL_M).astype(np.int64)
     first = cell.min(axis=0)
     width = int(cell[:, 0].max() - first[0]) + 1
     height = int(cell[:, 1].max() - first[1]) + 1
     index = (cell[:, 1] - first[1]) * width + cell[:, 0] - first[0]
-    found, hits, total = _sums(index, residual_m[chosen].astype(np.float64), width * height)
+    found, hits, total, z = _sums(index, residual_m[chosen].astype(np.float64), hit[:, 2], width * height)
     centre = np.stack([found % width + first[0], found // width + first[1]], axis=1) + 0.5
-    return GridFrame(centre * CELL_M, hits, total)
+    return GridFrame(np.concatenate([centre * CELL_M, (z / hits)[:, None]], axis=1), hits, total)
 
 
 @njit(cache=True, nogil=True)
-def _sums(index: IntArray, residual: FloatArray, cells: int) -> tuple[IntArray, FloatArray, FloatArray]:
-    """Cells that were hit, in the order of the grid, with their hits and summed residuals."""
-    hits, total = np.zeros(cells), np.zeros(cells)
+def _sums(
+    index: IntArray, residual: FloatArray, height: FloatArray, cells: int
+) -> tuple[IntArray, FloatArray, FloatArray, FloatArray]:
+    """Cells that were hit, in the order of the grid, with their hits, summed residuals and summed heights."""
+    hits, total, z = np.zeros(cells), np.zeros(cells), np.zeros(cells)
     for i in range(len(index)):
         hits[index[i]] += 1.0
         total[index[i]] += residual[i]
+        z[index[i]] += height[i]
     found = np.flatnonzero(hits)
-    return found, hits[found], total[found]
+    return found, hits[found], total[found], z[found]
 
 
 def deviations_over(
@@ -71,7 +74,7 @@ def deviations_over(
 ) -> Deviations:
     """Deviations of the smoothed cells of several sweeps, along and across the corridor of the latest."""
     centres = np.concatenate([frame.centre_odom_m for frame in frames])
-    xy = centres @ sensor_from_odom[:2, :2].T + sensor_from_odom[:2, 3]
+    xy = centres @ sensor_from_odom[:2, :3].T + sensor_from_odom[:2, 3]
     along, across = road_coordinates(xy, corridor.curvature_per_m)
     hits, total = (np.concatenate([getattr(frame, name) for frame in frames]) for name in ("hits", "total_m"))
     shape = (int((AHEAD_M + BEHIND_M) / CELL_M), int((corridor.left_m - corridor.right_m) / CELL_M) + 1)

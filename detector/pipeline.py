@@ -7,6 +7,7 @@ from typing import Literal
 import numpy as np
 
 from detector.clusters import MAX_POINT_SD
+from detector.ground import road_coordinates
 from detector.recognition import recognise
 from detector.saliency import SALIENT, saliency_map
 from detector.segmentation import STANDING_M, segment
@@ -55,7 +56,8 @@ def _on_road(points: FloatArray, sweep: DetectorInput, sensor_height_m: float, m
     saliency = saliency_map(points) if method == "saliency" else _deviation_saliency(strip, len(points))
     candidates = strip.in_corridor & (saliency[strip.indices] > (SALIENT if method == "saliency" else 0.0))
     found = find_clusters(strip.deviations, candidates, strip.corridor)
-    height = points[:, 2] + sensor_height_m - strip.corridor.height_m(points[:, 0])
+    along, _ = road_coordinates(points, sweep.curvature_per_m)
+    height = points[:, 2] + sensor_height_m - strip.corridor.height_m(along)
     obstacles = tuple(
         recognise(points[strip.indices], strip.deviations.residual_m, strip.deviations.noise_m, c)
         for c in found.clusters

@@ -45,13 +45,13 @@ def _off_road(points: FloatArray, height: FloatArray) -> LabelArray:
     cells = int(2.0 * REACH_M / CELL_M)
     lowest, highest = np.full((cells, cells), np.inf), np.full((cells, cells), -np.inf)
     for i in range(len(points)):
-        row, column = int((points[i, 0] + REACH_M) / CELL_M), int((points[i, 1] + REACH_M) / CELL_M)
+        row, column = int(np.floor((points[i, 0] + REACH_M) / CELL_M)), int(np.floor((points[i, 1] + REACH_M) / CELL_M))
         if 0 <= row < cells and 0 <= column < cells:
             lowest[row, column] = min(lowest[row, column], height[i])
             highest[row, column] = max(highest[row, column], height[i])
     labels = np.zeros(len(points), dtype=np.uint8)
     for i in range(len(points)):
-        row, column = int((points[i, 0] + REACH_M) / CELL_M), int((points[i, 1] + REACH_M) / CELL_M)
+        row, column = int(np.floor((points[i, 0] + REACH_M) / CELL_M)), int(np.floor((points[i, 1] + REACH_M) / CELL_M))
         is_bank = False
         if 0 <= row < cells and 0 <= column < cells:
             low, high = lowest[row, column], highest[row, column]

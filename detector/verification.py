@@ -85,11 +85,7 @@ def likely(candidates: Candidates, weights: FloatArray, least: float = MIN_CONFI
     """The plausible clusters that a model believes in at least so much."""
     chosen = np.flatnonzero(candidates.plausible)
     sure = confidence(candidates.around, weights)
-    return [
-        Cluster(candidates.groups[c], candidates.is_negative, float(sure[c]))
-        for c in chosen
-        if sure[c] >= least
-    ]
+    return [Cluster(candidates.groups[c], candidates.is_negative, float(sure[c])) for c in chosen if sure[c] >= least]
 
 
 def plausible(around: Surroundings, is_negative: bool) -> np.ndarray:

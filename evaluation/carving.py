@@ -7,7 +7,6 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-import laspy
 import numpy as np
 from numpy.typing import NDArray
 
@@ -16,6 +15,7 @@ from detector.robust import fit_tukey
 from detector.types import DetectorInput, Float32Array
 from simulator.pothole import pothole
 from simulator.relief import Relief
+from vehicle_client.sources.files import read_cloud
 
 FloatArray = NDArray[np.float64]
 
@@ -110,11 +110,8 @@ def scans(data: Path) -> list[Path]:
 
 
 def read_scan(path: Path) -> Float32Array:
-    """Points (N, 3) in `sensor` of a KITTI sweep, binary or LAZ."""
-    if path.suffix == ".bin":
-        return np.ascontiguousarray(np.fromfile(path, np.float32).reshape(-1, 4)[:, :3])
-    cloud = laspy.read(path)
-    return np.stack([cloud.x, cloud.y, cloud.z], axis=1).astype(np.float32)
+    """Points (N, 3) in `sensor` of a KITTI sweep, binary or LAZ; SourceError naming the file if it cannot be read."""
+    return read_cloud(path).points_m
 
 
 def run(paths: Sequence[Path], seed: int) -> Iterator[CarvedScore]:

@@ -81,14 +81,17 @@ class _Matcher:
 def lasting_holes(sweeps: Sequence[RealSweep], *, together: bool) -> list[tuple[FloatArray, int]]:
     """Places (2,) in `odom` that several sweeps call a hole, and how many do."""
     places: list[list[FloatArray]] = []
-    for sweep in sweeps:
+    last_seen: list[int] = []
+    for number, sweep in enumerate(sweeps):
         for obstacle in sweep.together if together else sweep.of_sweep:
             if not obstacle.kind.is_negative:
                 continue
             place = (sweep.odom_from_sensor @ np.r_[obstacle.centre_m, 1.0])[:2]
-            near = [seen for seen in places if np.hypot(*(seen[0] - place)) < SAME_PLACE_M]
-            if near:
-                near[0].append(place)
-            else:
+            near = [k for k, seen in enumerate(places) if np.hypot(*(seen[0] - place)) < SAME_PLACE_M]
+            if not near:
                 places.append([place])
+                last_seen.append(number)
+            elif last_seen[near[0]] != number:
+                places[near[0]].append(place)
+                last_seen[near[0]] = number
     return [(np.mean(seen, axis=0), len(seen)) for seen in places if len(seen) >= LASTING_SWEEPS]

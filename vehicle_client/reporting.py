@@ -28,7 +28,7 @@ from vehicle_client.obstacle_map import stored_sd_m
 from vehicle_client.pose import Pose
 from vehicle_client.tracking import Track, Tracks
 
-ESTIMATOR = "ray-contour:1"
+ESTIMATOR = "ray-contour:2"
 """Name and version of the estimator of `detector.shape`; the server compares only what was measured alike."""
 
 PASSED_M = 12.0

@@ -34,11 +34,12 @@ def carved(
 
     from detector.types import DetectorError
     from evaluation.carving import DISTANCES_M, SIZES_M, run, scans
+    from vehicle_client.sources.frame import SourceError
 
     try:
         paths = scans(data)[::every]
         score = list(track(run(paths, seed), "carving", len(paths), console=Console(stderr=True), transient=True))[-1]
-    except (OSError, DetectorError) as error:
+    except (OSError, SourceError, DetectorError) as error:
         typer.secho(f"headsup evaluate carved: {error}", err=True, fg=typer.colors.RED)
         raise typer.Exit(1) from error
     typer.echo("| hole | " + " | ".join(f"{distance:.0f} m" for distance in DISTANCES_M) + " |")

@@ -7,6 +7,8 @@ from typing import Annotated
 
 import typer
 
+from headsup.evaluate.outputs import make_ready
+
 
 def lidar(
     json_file: Annotated[Path | None, typer.Option("--json", help="File for everything that was counted.")] = None,
@@ -35,13 +37,13 @@ def lidar(
 
     asked, seeds = conditions(quick), TEST_SEEDS[:worlds]
     try:
+        make_ready(json_file)
         if pictures is not None:
             pictures.mkdir(parents=True, exist_ok=True)
         console = Console(stderr=True)
         scores = dict(track(run(seeds, asked), "driving", len(seeds) * len(asked), console=console, transient=True))
         typer.echo(markdown(scores), nl=False)
         if json_file is not None:
-            json_file.parent.mkdir(parents=True, exist_ok=True)
             json_file.write_text(as_json(scores), encoding="utf-8")
         if pictures is not None:
             draw(scores, pictures)

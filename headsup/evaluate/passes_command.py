@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING, Annotated, Any, NoReturn
 
 import typer
 
+from headsup.evaluate.outputs import make_ready
+
 if TYPE_CHECKING:
     from rich.table import Table
 
@@ -52,8 +54,7 @@ def passes(
     try:
         if pictures is not None:
             pictures.mkdir(parents=True, exist_ok=True)
-        if json_file is not None:
-            json_file.touch()
+        make_ready(json_file)
         figures = tables(_drive(plan))
         if json_file is not None:
             json_file.write_text(json.dumps({**asdict(plan), **figures}, indent=1) + "\n")

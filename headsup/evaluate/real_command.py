@@ -32,6 +32,7 @@ def real(
 
     from detector.types import DetectorError
     from evaluation.real_roads import along_a_drive, lasting_holes, single_sweeps
+    from vehicle_client.sources.frame import SourceError
 
     console = Console(stderr=True)
     alone = sorted(data.glob("kitti_sequence/velodyne/*.bin"))
@@ -44,7 +45,7 @@ def real(
             for obstacle in obstacles:
                 typer.echo(f"{path.name}: {_in_words(obstacle)}")
         sweeps = list(track(along_a_drive(drive), "drive", len(drive), console=console, transient=True))
-    except (OSError, DetectorError) as error:
+    except (OSError, SourceError, DetectorError) as error:
         typer.secho(f"headsup evaluate real: {error}", err=True, fg="red")
         raise typer.Exit(1) from error
     for together, name in ((False, "one sweep"), (True, "ten sweeps")):

@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from headsup.evaluate.outputs import make_ready
+
 if TYPE_CHECKING:
     from rich.table import Table
 
@@ -43,6 +45,7 @@ def table1(
     methods = tuple(METHODS) if peers else ("surface", "saliency")
     rows: list[Row] = []
     try:
+        make_ready(json_file)
         if save_labels is not None:
             save_labels.mkdir(parents=True, exist_ok=True)
         scans = scans_in(data)

@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from headsup.evaluate.outputs import make_ready
+
 if TYPE_CHECKING:
     from rich.table import Table
 
@@ -41,6 +43,7 @@ def table2(
 
     scored: list[ScoredFrame] = []
     try:
+        make_ready(json_file)
         files = frames_in(data)
         progress = Console(stderr=True)
         for frame in track(score_frames(files), "scoring", len(files), console=progress, transient=True):

@@ -8,6 +8,8 @@ from typing import Annotated
 
 import typer
 
+from headsup.evaluate.outputs import make_ready
+
 
 def volume(
     data: Annotated[Path, typer.Option("--data", help="Folder with pothole_rgbd/*.ply, or with the PLY scans.")],
@@ -34,6 +36,7 @@ def volume(
     table = Table("scan", "kind", "length m", "width m", "depth m", "volume l", "sand l", "difference")
     records = []
     try:
+        make_ready(json_file)
         for path in track(camera_scans_in(data), "measuring", console=Console(stderr=True), transient=True):
             scan = measure_scan(path)
             records.append(scan.record())

@@ -74,3 +74,12 @@ def test_on_a_curve_of_thirty_metres_the_true_steering_finds_more_of_the_road_th
     straight = road_share(detect(DetectorInput(points, SENSOR_HEIGHT_M, 0.0)).labels, on_road)
     assert steered > 0.9
     assert steered > straight + 0.05
+
+
+@pytest.mark.parametrize("grade", [-0.08, 0.08])
+def test_a_road_on_a_slope_that_is_first_seen_ahead_is_road(grade: float) -> None:
+    rng = np.random.default_rng(4)
+    s, t = rng.uniform(4.0, 30.0, 40_000), rng.uniform(-3.0, 3.0, 40_000)
+    z = grade * s - SENSOR_HEIGHT_M + rng.normal(0.0, 0.005, s.size)
+    labels = detect(DetectorInput(np.stack([s, t, z], axis=1).astype(np.float32), SENSOR_HEIGHT_M)).labels
+    assert (labels == PointClass.SAFE_ROAD).mean() > 0.99

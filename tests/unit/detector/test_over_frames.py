@@ -69,4 +69,35 @@ def test_a_grid_keeps_every_hit_of_the_strip_in_its_cell() -> None:
     assert frame.hits.sum() == np.isfinite(residual).sum()
     assert frame.total_m.sum() == pytest.approx(np.nansum(residual, dtype=np.float64), abs=1e-6)
     cells = {tuple(c) for c in np.floor(points[np.isfinite(residual), :2].astype(np.float64) / CELL_M).astype(int)}
-    assert {tuple(c) for c in np.floor(frame.centre_odom_m / CELL_M).astype(int)} == cells
+    assert {tuple(c) for c in np.floor(frame.centre_odom_m[:, :2] / CELL_M).astype(int)} == cells
+
+
+def test_the_height_of_the_drive_above_its_origin_moves_nothing() -> None:
+    state, sweep = pass_towards(Street(holes=(HOLE,)), 9.0, RECENT_FRAMES)
+    (hole,) = detect_over_frames(state, sweep, detect(sweep))
+    pitch = np.deg2rad(2.0)
+    map_from_odom = np.array(
+        [
+            [np.cos(pitch), 0, np.sin(pitch), 40.0],
+            [0, 1, 0, -7.0],
+            [-np.sin(pitch), 0, np.cos(pitch), 300.0],
+            [0, 0, 0, 1],
+        ]
+    )
+    high = Accumulator()
+    for k in range(RECENT_FRAMES):
+        points, pose = cast(Street(holes=(HOLE,)), Lidar(), 9.0 + 0.5 * k, -1.5, k)
+        sweep = DetectorInput(points, 2.4, odom_from_sensor=map_from_odom @ pose)
+        high = accumulate(high, sweep, detect(sweep))
+    (same,) = detect_over_frames(high, sweep, detect(sweep))
+    assert same.centre_m[:2] == pytest.approx(hole.centre_m[:2], abs=0.15)
+
+
+@pytest.mark.parametrize(
+    "pose", [np.zeros((4, 4)), np.diag([1000.0, 1000.0, 1000.0, 1.0]), np.diag([1.0, 1.0, -1.0, 1.0])]
+)
+def test_what_is_no_rigid_transform_is_refused(pose: np.ndarray) -> None:
+    points, _ = cast(Street(), Lidar(), 0.0, -1.5, 0)
+    sweep = DetectorInput(points, 2.4, odom_from_sensor=pose)
+    with pytest.raises(DetectorError, match="rigid"):
+        accumulate(Accumulator(), sweep, detect(sweep))
