@@ -6,7 +6,7 @@ from typing import Literal
 
 import numpy as np
 
-from detector.survey_holes import find_holes
+from detector.survey_holes import Hole, find_holes
 from detector.survey_obstacle import describe_obstacle
 from detector.survey_road import LevelFrame, Relief, level, relief
 from detector.survey_saliency import salient_points
@@ -18,6 +18,9 @@ from detector.types import DetectedObstacle, Findings, FloatArray, LabelArray, P
 MIN_POINTS = 50
 # Deviations count up to this many standard deviations towards the saliency.
 MAX_POINT_SD = 8.0
+# Half of a hole's points lie this share of its depth below the road, also where it has a wide apron.
+MIN_MEDIAN_SHARE = 0.15
+MIN_HOLE_POINTS = 5
 
 
 def on_survey(points_m: FloatArray, method: Literal["surface", "saliency"]) -> Findings:
@@ -50,7 +53,7 @@ def _by_surface(frame: LevelFrame, measured: Relief) -> Findings:
 
 def _one_side(frame: LevelFrame, side: Relief, labels: LabelArray, flagged: PointClass) -> list[DetectedObstacle]:
     """Obstacles below (or, upside down, above) the road; writes the classes of their points."""
-    holes = find_holes(side)
+    holes = [hole for hole in find_holes(side) if _is_shared(side, hole)]
     if not holes:
         return []
     inside = np.zeros(side.grid.shape, dtype=np.int64)
@@ -65,6 +68,15 @@ def _one_side(frame: LevelFrame, side: Relief, labels: LabelArray, flagged: Poin
         describe_obstacle(side, hole, number_of_point == n, volumes[n], frame, flagged is PointClass.NEGATIVE)
         for n, hole in enumerate(holes, start=1)
     ]
+
+
+def _is_shared(side: Relief, hole: Hole) -> bool:
+    """Whether the points of a hole are in it, and not one stray point among many of the road."""
+    inside = np.zeros(side.grid.shape, dtype=bool)
+    inside[hole.outline.extent] = hole.outline.mask
+    depth = side.depth_m[inside.ravel()[side.cells]]
+    greatest_m = hole.evidence_sd * side.wave_m
+    return depth.size >= MIN_HOLE_POINTS and float(np.median(depth)) >= MIN_MEDIAN_SHARE * greatest_m
 
 
 def _by_saliency(points_m: FloatArray, frame: LevelFrame, measured: Relief) -> Findings:

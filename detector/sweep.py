@@ -76,6 +76,8 @@ def _usable_of_survey(points: FloatArray) -> tuple[FloatArray, IntArray]:
         return points, indices
     low, high = np.percentile(points, (1.0, 99.0), axis=0)
     extent = float((high - low).max())
+    near = ((points >= low - extent) & (points <= high + extent)).all(axis=1)
+    points, indices = points[near], indices[near]
     if extent > MAX_SURVEY_EXTENT_M:
         raise DetectorError(
             f"the points of the survey extend over {extent:.0f} m: are they in millimetres? Metres are expected; for a "

@@ -180,3 +180,11 @@ def test_a_small_hole_beside_a_large_one_is_reported_too() -> None:
     found = sorted(survey(points).obstacles, key=lambda o: o.centre_m[0])
     assert [o.centre_m[0] for o in found] == pytest.approx([-0.25, 0.35], abs=0.02)
     assert found[1].length_m == pytest.approx(0.12, abs=0.03)
+
+
+@pytest.mark.parametrize("height_m", [-10.0, -0.3, 1.0])
+def test_one_stray_point_is_no_obstacle(height_m: float) -> None:
+    rng = np.random.default_rng(0)
+    points = np.stack([*rng.uniform(0.0, 1.0, (2, 20_000)), rng.normal(0.0, 0.002, 20_000)], axis=1)
+    points[100, 2] += height_m
+    assert detect(DetectorInput(points.astype(np.float32), None)).obstacles == ()
