@@ -21,6 +21,8 @@ MIN_RELIEF_M = 0.025
 FLAG_SD = 3.0
 # What ten sweeps agree on is asked to be surer than what one shows: it is looked at ten times as often.
 MIN_CONFIDENCE = 0.85
+# Boxes this far apart are two obstacles.
+SAME_M = 0.3
 # Cells at the strip's border are half kerb.
 EDGE_MARGIN_M = 0.15
 
@@ -28,7 +30,7 @@ EDGE_MARGIN_M = 0.15
 def detect_over_frames(
     state: Accumulator, sweep: DetectorInput, detection: FrameDetection
 ) -> tuple[DetectedObstacle, ...]:
-    """Obstacles in the cells of the state's last sweeps, in the frame `sensor` of the latest one.
+    """Obstacles in the cells of the state's last sweeps, and what the latest one is as sure of, in its frame `sensor`.
 
     `sweep` and `detection` are the latest, already accumulated. Raises DetectorError without `odom_from_sensor` or for
     a survey, which has no corridor.
@@ -43,7 +45,18 @@ def detect_over_frames(
     holes, rises = grid_candidates(deviations, corridor)
     clusters = likely(holes, GRID_HOLE_WEIGHTS, MIN_CONFIDENCE) + likely(rises, GRID_RISE_WEIGHTS, MIN_CONFIDENCE)
     points = _cells_in_sensor(deviations, corridor, sweep.sensor_height_m)
-    return tuple(_obstacle(points, deviations, cluster, len(state.recent)) for cluster in clusters)
+    together = [_obstacle(points, deviations, cluster, len(state.recent)) for cluster in clusters]
+    alone = [o for o in detection.obstacles if o.confidence >= MIN_CONFIDENCE and not _is_among(o, together)]
+    return (*together, *alone)
+
+
+def _is_among(obstacle: DetectedObstacle, others: list[DetectedObstacle]) -> bool:
+    """Whether one of the others is the same obstacle."""
+    return any(
+        other.kind.is_negative == obstacle.kind.is_negative
+        and np.hypot(*(other.centre_m - obstacle.centre_m)[:2]) < SAME_M + 0.5 * (other.length_m + obstacle.length_m)
+        for other in others
+    )
 
 
 def grid_candidates(deviations: Deviations, corridor: Corridor) -> tuple[Candidates, Candidates]:
