@@ -101,6 +101,7 @@ def children(pid: int) -> Iterator[tuple[int, str]]:
         yield int(child), Path(f"/proc/{child}/cmdline").read_text()
 
 
+@pytest.mark.soak
 def test_a_server_killed_in_the_middle_ends_the_demo_with_one_clear_line(tmp_path: Path) -> None:
     with subprocess.Popen(
         [*COMMAND, "--out", str(tmp_path)], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True

@@ -283,6 +283,7 @@ def _hashes(folder: Path) -> dict[str, str]:
     return {str(path.relative_to(folder)): hashlib.sha256(path.read_bytes()).hexdigest() for path in files}
 
 
+@pytest.mark.soak
 def test_a_data_set_that_was_killed_is_gone_on_with_to_the_same_bytes_as_a_drive_by_itself(tmp_path: Path) -> None:
     sensors, out = tmp_path / "sensors.json", tmp_path / "set"
     sensors.write_text(json.dumps({"sensors": SENSORS}))

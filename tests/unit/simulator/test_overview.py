@@ -114,7 +114,7 @@ def test_the_same_recording_gives_the_same_bytes_and_another_one_others(happenin
     assert once != overview(replace(happening, changing=late), sights)
 
 
-@pytest.mark.parametrize(("egos", "seconds"), [(1, 0.1), (3, 220.0), (8, 5.0)])
+@pytest.mark.parametrize(("egos", "seconds"), [(1, 0.1), pytest.param(3, 220.0, marks=pytest.mark.soak), (8, 5.0)])
 def test_drives_of_any_length_and_number_of_vehicles_can_be_drawn(egos: int, seconds: float) -> None:
     picture = decoded(overview(scenario(ScenarioPlan(seed=4, egos=egos, seconds=seconds)), []))
     assert picture.shape[1] == 1760
