@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -102,7 +102,7 @@ def presets(range_sd_m: float) -> dict[str, LidarModel]:
     return {name: replace(model, range_sd_m=range_sd_m) for name, model in models.items()}
 
 
-def course(seed: int, roughness: Roughness, scans: Sequence[Relief] = ()) -> Course:
+def course(seed: int, roughness: Roughness) -> Course:
     """The course of a seed: curves down to 50 m, grades, crown, patches, manholes, joints and parked cars on it."""
     plan = WorldPlan(length_m=LENGTH_M, roughness=roughness, side_roads=False, obstacles_per_100m=0.0)
     street = random_street(seed, plan)

@@ -76,7 +76,7 @@ def _save(path: Path, picture: object) -> None:
     import cv2
 
     path.parent.mkdir(parents=True, exist_ok=True)
-    if not cv2.imwrite(str(path), picture):  # type: ignore[call-overload]
+    if not cv2.imwrite(str(path), picture):  # type: ignore[call-overload]  # its stubs know no uint8 array
         raise OSError(f"{path}: cannot be written")
 
 

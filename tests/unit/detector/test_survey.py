@@ -13,7 +13,7 @@ from tests.unit.detector.surveys import bowl, road
 
 
 def survey(points: np.ndarray, method: str = "surface") -> FrameDetection:
-    return detect(DetectorInput(np.ascontiguousarray(points, dtype=np.float32), None), method)  # type: ignore[arg-type]
+    return detect(DetectorInput(np.ascontiguousarray(points, dtype=np.float32), None), method)  # type: ignore[arg-type]  # a str of two
 
 
 def test_a_hole_is_found_with_its_size_depth_and_volume() -> None:

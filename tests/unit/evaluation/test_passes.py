@@ -92,7 +92,7 @@ def test_no_street_of_the_printed_figures_was_used_for_tuning() -> None:
 
 
 @pytest.mark.parametrize("make", [passes_street, random_street, hiding_street])
-def test_a_seed_makes_one_street_and_another_makes_another(make) -> None:  # type: ignore[no-untyped-def]
+def test_a_seed_makes_one_street_and_another_makes_another(make) -> None:  # type: ignore[no-untyped-def]  # any maker
     one, again, other = (plain((s.obstacles, s.parked_cars)) for s in (make(7), make(7), make(8)))
     assert one == again
     assert one != other
