@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from enum import StrEnum
 from typing import Annotated, Literal
 from uuid import UUID
 
@@ -28,6 +29,16 @@ class PointGeometry(Message):
         return LatLon(latitude_deg=self.coordinates[1], longitude_deg=self.coordinates[0])
 
 
+class InspectionState(StrEnum):
+    """Where an obstacle stands in the road operator's work."""
+
+    OPEN = "open"
+    INSPECTED = "inspected"
+    SCHEDULED = "scheduled"
+    REPAIRED = "repaired"
+    NOT_AN_ISSUE = "not_an_issue"
+
+
 class ObstacleProperties(Message):
     """What is known of an obstacle. `version` counts shapes, `revision` every change of a served field."""
 
@@ -51,6 +62,7 @@ class ObstacleProperties(Message):
     witnesses: Annotated[int, Field(ge=1)]
     succeeds: UUID | None = None
     merged_into: UUID | None = None
+    inspection_state: InspectionState = InspectionState.OPEN
 
 
 class ObstacleFeature(Message):

@@ -9,6 +9,7 @@ from uuid import UUID
 
 from contract.geometry import Box, BoxSd, Kind, LatLon, PlaneCovariance, Sign
 from contract.observation import Descriptor, State
+from contract.obstacle import InspectionState
 
 Points = tuple[tuple[int, int, int], ...]
 RemovalReason = Literal["absent", "merged", "expired", "operator"]
@@ -65,7 +66,8 @@ class Obstacle:
     """One obstacle. `version` counts shapes, `revision` every change of a served field.
 
     `witness_count` counts all who saw it; `evidence` holds the records that a decision may need: that of the reporting
-    witness, and all since `absent_since`, the first open absence.
+    witness, and all since `absent_since`, the first open absence. `distinct_from` are obstacles that one report saw
+    beside this one.
     """
 
     id: UUID
@@ -92,6 +94,8 @@ class Obstacle:
     merged_into: UUID | None = None
     removed_at: datetime | None = None
     removed_reason: RemovalReason | None = None
+    inspection_state: InspectionState = InspectionState.OPEN
+    distinct_from: frozenset[UUID] = frozenset()
 
     @property
     def sign(self) -> Sign:

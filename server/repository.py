@@ -33,6 +33,7 @@ class LoggedReport:
     received_at: datetime
     body: str
     answer: str
+    tiles: Sequence[tuple[int, int]]
 
 
 class Repository:
@@ -46,17 +47,23 @@ class Repository:
         """Fail if the database does not answer."""
         await self._connection.execute(text("SELECT 1"))
 
-    async def lock(self, tiles: Iterable[int]) -> None:
-        """Take the tiles for this transaction, in ascending order; what could match is read after it."""
-        table = tables.tile
+    async def lock(self, tiles: Iterable[int]) -> list[tuple[int, int]]:
+        """Take the tiles for this transaction, in ascending order; what could match is read after it.
+
+        Returns each tile with its new `lock_seq`, the order in which transactions held it.
+        """
+        table, taken_in_order = tables.tile, []
         for tile in sorted(tiles):
             shard = shard_of_tile(tile)
             here = and_(table.c.shard == shard, table.c.tile == tile)
-            taken = update(table).where(here).values(lock_seq=table.c.lock_seq + 1)
-            if (await self._connection.execute(taken)).rowcount == 0:
+            taken = update(table).where(here).values(lock_seq=table.c.lock_seq + 1).returning(table.c.lock_seq)
+            lock_seq = (await self._connection.execute(taken)).scalar_one_or_none()
+            if lock_seq is None:
                 new = {"shard": shard, "tile": tile, "version": 0, "lock_seq": 0}
                 await self._connection.execute(self._insert_if_missing("tile").values(new))
-                await self._connection.execute(taken)
+                lock_seq = (await self._connection.execute(taken)).scalar_one()
+            taken_in_order.append((tile, int(lock_seq)))
+        return taken_in_order
 
     async def candidates(self, centre: LatLon, radius_m: float, witness: str) -> tuple[Obstacle, ...]:
         """All obstacles in the cells of a circle, removed ones too, with the evidence a decision may need."""

@@ -7,12 +7,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import datetime, timedelta
 from typing import Any
+from uuid import UUID
 
 from pydantic import TypeAdapter
 from sqlalchemy import RowMapping
 
 from contract.geometry import Kind, LatLon, PlaneCovariance
 from contract.observation import State
+from contract.obstacle import InspectionState
 from server.obstacle import Obstacle, Place, Shape, Size, Witness
 from server.policy import Life
 from server.quadkey import cell_of
@@ -73,6 +75,8 @@ def row_of(obstacle: Obstacle, life: Life) -> dict[str, Any]:
         "merged_into": obstacle.merged_into,
         "removed_at": obstacle.removed_at,
         "removed_reason": obstacle.removed_reason,
+        "inspection_state": obstacle.inspection_state.value,
+        "distinct_from": sorted(map(str, obstacle.distinct_from)),
     }
 
 
@@ -111,6 +115,8 @@ def obstacle_of(row: RowMapping, evidence: Sequence[Witness] = ()) -> Obstacle:
         merged_into=row["merged_into"],
         removed_at=row["removed_at"],
         removed_reason=row["removed_reason"],
+        inspection_state=InspectionState(row["inspection_state"]),
+        distinct_from=frozenset(map(UUID, row["distinct_from"])),
     )
 
 

@@ -140,9 +140,8 @@ class Service:
             repository = self._repository(connection)
             report = self._report(parcel)
             centre, radius_m = self._area(parcel.message)
-            if not isinstance(report, str):
-                # Only what can change something locks: at a pole the area of a report is a whole row of tiles.
-                await repository.lock(quadkey.tiles(centre, radius_m))
+            # Only what can change something locks: at a pole the area of a report is a whole row of tiles.
+            held = [] if isinstance(report, str) else await repository.lock(quadkey.tiles(centre, radius_m))
             if earlier := await repository.logged(parcel.key_id, parcel.message.report_id):
                 return _Outcome(_answered_before(parcel, earlier))
             if isinstance(report, str):
@@ -151,7 +150,7 @@ class Service:
             decisions = rules.decide(report, nearby, parcel.received_at, self._policy)
             events = await self._write(repository, nearby, decisions, parcel.received_at)
             result = answers.accepted(parcel.message, decisions)
-            await repository.log(_line(parcel, report, result))
+            await repository.log(_line(parcel, report, result, held))
         return _Outcome(result, events)
 
     async def _write(
@@ -212,7 +211,7 @@ def _answered_before(parcel: _Parcel, earlier: LoggedReport) -> ReportResult:
     return answer.model_copy(update={"status": ReportStatus.DUPLICATE})
 
 
-def _line(parcel: _Parcel, report: rules.Report, result: ReportResult) -> LoggedReport:
+def _line(parcel: _Parcel, report: rules.Report, result: ReportResult, held: list[tuple[int, int]]) -> LoggedReport:
     return LoggedReport(
         key_id=parcel.key_id,
         report_id=parcel.message.report_id,
@@ -222,6 +221,7 @@ def _line(parcel: _Parcel, report: rules.Report, result: ReportResult) -> Logged
         received_at=parcel.received_at,
         body=parcel.body,
         answer=result.model_dump_json(),
+        tiles=held,
     )
 
 

@@ -85,7 +85,11 @@ obstacle = Table(
     Column("merged_into", Uuid),
     Column("removed_at", UtcMicroseconds),
     Column("removed_reason", String(16)),
+    # What an operator noted of it, and the obstacles that one report saw beside it (they never merge with it).
+    Column("inspection_state", String(16), nullable=False, server_default="open"),
+    Column("distinct_from", JSON, nullable=False, server_default="[]"),
     Index("obstacle_by_cell", "cell"),
+    Index("obstacle_by_expiry", "expires_at"),
 )
 
 # Versions that were replaced: what the obstacle looked like before.
@@ -120,6 +124,7 @@ event = Table(
     Column("obstacle_id", Uuid, nullable=False),
     Column("body", Text, nullable=False),
     Column("written_at", UtcMicroseconds, nullable=False),
+    Index("event_by_obstacle", "shard", "obstacle_id"),
 )
 
 # The observation log: what was sent, and what was answered.
@@ -134,6 +139,57 @@ report = Table(
     Column("received_at", UtcMicroseconds, nullable=False),
     Column("body", Text, nullable=False),
     Column("answer", Text, nullable=False),
+    # The locked tiles with their `lock_seq`: the order in which reports about one place were decided.
+    Column("tiles", JSON, nullable=False, server_default="[]"),
+    Index("report_by_receipt", "received_at"),
+)
+
+# What was decided without a report: by operators (the audit log), and by the sweeper of expired obstacles.
+action = Table(
+    "action",
+    metadata,
+    Column("id", Uuid, primary_key=True),
+    Column("at", UtcMicroseconds, nullable=False),
+    Column("key_id", String(64), nullable=False),
+    Column("kind", String(24), nullable=False),
+    Column("shard", SmallInteger, nullable=False),
+    Column("obstacle_id", Uuid, nullable=False),
+    Column("detail", JSON, nullable=False),
+    Column("request_id", String(64)),
+    Column("tiles", JSON, nullable=False),
+    Index("action_by_time", "at"),
+    Index("action_by_obstacle", "shard", "obstacle_id"),
+)
+
+# What one witness alone reported, and what became of it: sole, shared or refuted.
+creation = Table(
+    "creation",
+    metadata,
+    Column("witness", String(64), primary_key=True),
+    Column("obstacle_id", Uuid, primary_key=True),
+    Column("created_at", UtcMicroseconds, nullable=False),
+    Column("outcome", String(16), nullable=False),
+)
+
+# Where a witness last was, coarse as reported: nobody drives faster than the policy's limit.
+vehicle_place = Table(
+    "vehicle_place",
+    metadata,
+    Column("witness", String(64), primary_key=True),
+    Column("observed_at", UtcMicroseconds, nullable=False),
+    Column("latitude_deg", Float(53), nullable=False),
+    Column("longitude_deg", Float(53), nullable=False),
+    Column("sd_m", Float(53), nullable=False),
+)
+
+# The rows of all decided tables at the moment of the last pruning: replay starts from them.
+checkpoint = Table(
+    "checkpoint",
+    metadata,
+    Column("name", String(32), primary_key=True),
+    Column("number", BigInteger, primary_key=True, autoincrement=False),
+    Column("body", Text, nullable=False),
+    Column("taken_at", UtcMicroseconds, nullable=False),
 )
 
 api_key = Table(
