@@ -31,7 +31,8 @@ def create_app(settings: Settings) -> FastAPI:
         database = Database.open(settings.database_url)
         try:
             app.state.parts = await _parts(database, settings)
-            yield
+            async with app.state.parts.service.running():
+                yield
         finally:
             await database.close()
 

@@ -34,7 +34,8 @@ class Database:
     @classmethod
     def open(cls, url: str) -> Database:
         """A database by its SQLAlchemy URL; nothing is connected yet."""
-        engine = create_async_engine(url, pool_pre_ping=True)
+        # JSON columns are text on both engines: the tables' types parse it (asyncpg's codec would do so before them).
+        engine = create_async_engine(url, pool_pre_ping=True, json_deserializer=str)
         if engine.dialect.name == "sqlite":
             folder = Path(engine.url.database or "").parent
             if not folder.is_dir():

@@ -7,8 +7,11 @@ one contiguous range of cells, so a circle is covered by a handful of ranges on 
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 
 from contract.geometry import LatLon
+
+Ranges = tuple[tuple[int, int], ...]
 
 CELL_ZOOM = 24
 TILE_ZOOM = 14
@@ -40,20 +43,38 @@ def shard_of_cell(cell: int) -> int:
     return shard_of_tile(tile_of_cell(cell))
 
 
-def cover(centre: LatLon, radius_m: float) -> tuple[tuple[int, int], ...]:
+def cover(centre: LatLon, radius_m: float) -> Ranges:
     """Ascending, disjoint, inclusive ranges of cells that hold every point within `radius_m` of `centre`.
 
     At most 4 x 4 tiles of one zoom; wraps in x across the antimeridian, clamps in y beyond the last mercator row.
     """
-    zoom = next(z for z in range(CELL_ZOOM, -1, -1) if _fits(centre, radius_m, z))
+    zoom = next(z for z in range(_finest_zoom(centre, radius_m), -1, -1) if _fits(centre, radius_m, z))
     shift = 2 * (CELL_ZOOM - zoom)
-    return _merged([(tile << shift, ((tile + 1) << shift) - 1) for tile in tiles(centre, radius_m, zoom)])
+    return merged([(tile << shift, ((tile + 1) << shift) - 1) for tile in tiles(centre, radius_m, zoom)])
 
 
 def tiles(centre: LatLon, radius_m: float, zoom: int = TILE_ZOOM) -> tuple[int, ...]:
     """Ascending Morton codes of the tiles of `zoom` that a circle touches."""
     columns, rows = _span(centre, radius_m, zoom)
     return tuple(sorted({_morton(x % (1 << zoom), y) for x in columns for y in rows}))
+
+
+def merged(ranges: Iterable[tuple[int, int]]) -> Ranges:
+    """The same cells as ascending ranges that neither overlap nor touch."""
+    joined: list[tuple[int, int]] = []
+    for low, high in sorted(ranges):
+        if joined and low <= joined[-1][1] + 1:
+            joined[-1] = (joined[-1][0], max(high, joined[-1][1]))
+        else:
+            joined.append((low, high))
+    return tuple(joined)
+
+
+def _finest_zoom(centre: LatLon, radius_m: float) -> int:
+    """A zoom beyond which the circle is certainly wider than four tiles."""
+    half_width_deg = _half_width_deg(centre.latitude_deg, radius_m / LEAST_EARTH_RADIUS_M)
+    most_columns = _COVER_SIDE * 360.0 / (2 * max(half_width_deg, 1e-6))
+    return max(0, min(CELL_ZOOM, math.floor(math.log2(most_columns))))
 
 
 def _fits(centre: LatLon, radius_m: float, zoom: int) -> bool:
@@ -106,13 +127,3 @@ def _spread(value: int) -> int:
     value = (value | value << 4) & 0x0F0F0F0F0F0F0F0F
     value = (value | value << 2) & 0x3333333333333333
     return (value | value << 1) & 0x5555555555555555
-
-
-def _merged(ranges: list[tuple[int, int]]) -> tuple[tuple[int, int], ...]:
-    merged: list[tuple[int, int]] = []
-    for low, high in ranges:
-        if merged and merged[-1][1] + 1 == low:
-            merged[-1] = (merged[-1][0], high)
-        else:
-            merged.append((low, high))
-    return tuple(merged)

@@ -32,6 +32,7 @@ _shape = TypeAdapter(Shape)
 _sizes = TypeAdapter(Sizes)
 _votes = TypeAdapter(dict[Kind, int])
 _moments = TypeAdapter(tuple[datetime, ...])
+_ids = TypeAdapter(list[UUID])
 
 
 def expires_at(obstacle: Obstacle, life: Life) -> datetime:
@@ -48,7 +49,7 @@ def row_of(obstacle: Obstacle, life: Life) -> dict[str, Any]:
         "id": obstacle.id,
         "cell": cell_of(place.position),
         "kind": obstacle.kind.value,
-        "kind_votes": _votes.dump_python(obstacle.kind_votes, mode="json"),
+        "kind_votes": _votes.dump_json(obstacle.kind_votes).decode(),
         "state": obstacle.state.value,
         "version": obstacle.version,
         "revision": obstacle.revision,
@@ -61,8 +62,8 @@ def row_of(obstacle: Obstacle, life: Life) -> dict[str, Any]:
         "east_north_m2": place.covariance.east_north_m2,
         "altitude_m": place.altitude_m,
         "altitude_sd_m": place.altitude_sd_m,
-        "shape": shape_json(obstacle.shape),
-        "sizes": _sizes.dump_python(Sizes(obstacle.references, obstacle.pending), mode="json"),
+        "shape": _shape.dump_json(obstacle.shape).decode(),
+        "sizes": _sizes.dump_json(Sizes(obstacle.references, obstacle.pending)).decode(),
         "confidence": obstacle.confidence,
         "as_of": obstacle.as_of,
         "expires_at": expires_at(obstacle, life),
@@ -76,18 +77,18 @@ def row_of(obstacle: Obstacle, life: Life) -> dict[str, Any]:
         "removed_at": obstacle.removed_at,
         "removed_reason": obstacle.removed_reason,
         "inspection_state": obstacle.inspection_state.value,
-        "distinct_from": sorted(map(str, obstacle.distinct_from)),
+        "distinct_from": _ids.dump_json(sorted(obstacle.distinct_from)).decode(),
     }
 
 
 def obstacle_of(row: RowMapping, evidence: Sequence[Witness] = ()) -> Obstacle:
     """An obstacle from its row and the evidence loaded for it."""
-    sizes = _sizes.validate_python(row["sizes"])
+    sizes = _sizes.validate_json(row["sizes"])
     return Obstacle(
         id=row["id"],
         shard=row["shard"],
         kind=Kind(row["kind"]),
-        kind_votes=_votes.validate_python(row["kind_votes"]),
+        kind_votes=_votes.validate_json(row["kind_votes"]),
         state=State(row["state"]),
         version=row["version"],
         revision=row["revision"],
@@ -100,7 +101,7 @@ def obstacle_of(row: RowMapping, evidence: Sequence[Witness] = ()) -> Obstacle:
             altitude_m=row["altitude_m"],
             altitude_sd_m=row["altitude_sd_m"],
         ),
-        shape=_shape.validate_python(row["shape"]),
+        shape=_shape.validate_json(row["shape"]),
         references=sizes.references,
         pending=sizes.pending,
         confidence=row["confidence"],
@@ -116,23 +117,23 @@ def obstacle_of(row: RowMapping, evidence: Sequence[Witness] = ()) -> Obstacle:
         removed_at=row["removed_at"],
         removed_reason=row["removed_reason"],
         inspection_state=InspectionState(row["inspection_state"]),
-        distinct_from=frozenset(map(UUID, row["distinct_from"])),
+        distinct_from=frozenset(_ids.validate_json(row["distinct_from"])),
     )
 
 
 def shape_json(shape: Shape) -> Any:
-    """A shape for a JSON column."""
+    """A shape for the history of versions."""
     return _shape.dump_python(shape, mode="json")
 
 
-def witness_row(obstacle: Obstacle, witness: Witness) -> dict[str, Any]:
+def witness_row(shard: int, obstacle_id: UUID, witness: Witness) -> dict[str, Any]:
     """Values of the table `witness`."""
     moments = [moment for moment in (witness.last_seen_at, witness.absent_at) if moment is not None]
     return {
-        "shard": obstacle.shard,
-        "obstacle_id": obstacle.id,
+        "shard": shard,
+        "obstacle_id": obstacle_id,
         "name": witness.name,
-        "seen_at": _moments.dump_python(witness.seen_at, mode="json"),
+        "seen_at": _moments.dump_json(witness.seen_at).decode(),
         "absent_at": witness.absent_at,
         "latest_at": max(moments),
     }
@@ -140,4 +141,4 @@ def witness_row(obstacle: Obstacle, witness: Witness) -> dict[str, Any]:
 
 def witness_of(row: RowMapping) -> Witness:
     """A witness's evidence from its row."""
-    return Witness(row["name"], _moments.validate_python(row["seen_at"]), row["absent_at"])
+    return Witness(row["name"], _moments.validate_json(row["seen_at"]), row["absent_at"])

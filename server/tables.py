@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import json
 from datetime import UTC, datetime, timedelta
+from typing import Any
 
 from sqlalchemy import (
-    JSON,
     BigInteger,
     Column,
     Dialect,
@@ -20,6 +21,7 @@ from sqlalchemy import (
     TypeDecorator,
     Uuid,
 )
+from sqlalchemy.types import UserDefinedType
 
 _EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
 
@@ -37,6 +39,31 @@ class UtcMicroseconds(TypeDecorator[datetime]):
     def process_result_value(self, value: int | None, dialect: Dialect) -> datetime | None:
         """From the database."""
         return None if value is None else _EPOCH + timedelta(microseconds=value)
+
+
+class JsonText(UserDefinedType[str]):
+    """A JSON column whose text is made and read by pydantic: nothing is parsed twice on the way of every report."""
+
+    cache_ok = True
+
+    def get_col_spec(self, **_: object) -> str:
+        """The column's type in SQL."""
+        return "JSON"
+
+
+class JsonValue(TypeDecorator[Any]):
+    """A JSON column as a Python value, for what is rarely read or written."""
+
+    impl = JsonText
+    cache_ok = True
+
+    def process_bind_param(self, value: Any, dialect: Dialect) -> str:
+        """To the database."""
+        return json.dumps(value)
+
+    def process_result_value(self, value: str | None, dialect: Dialect) -> Any:
+        """From the database."""
+        return None if value is None else json.loads(value)
 
 
 metadata = MetaData()
@@ -58,7 +85,7 @@ obstacle = Table(
     Column("id", Uuid, primary_key=True),
     Column("cell", BigInteger, nullable=False),
     Column("kind", String(16), nullable=False),
-    Column("kind_votes", JSON, nullable=False),
+    Column("kind_votes", JsonText, nullable=False),
     Column("state", String(16), nullable=False),
     Column("version", Integer, nullable=False),
     Column("revision", Integer, nullable=False),
@@ -71,8 +98,8 @@ obstacle = Table(
     Column("east_north_m2", Float(53), nullable=False),
     Column("altitude_m", Float(53), nullable=False),
     Column("altitude_sd_m", Float(53), nullable=False),
-    Column("shape", JSON, nullable=False),
-    Column("sizes", JSON, nullable=False),
+    Column("shape", JsonText, nullable=False),
+    Column("sizes", JsonText, nullable=False),
     Column("confidence", Float(53), nullable=False),
     Column("as_of", UtcMicroseconds, nullable=False),
     Column("expires_at", UtcMicroseconds, nullable=False),
@@ -87,7 +114,7 @@ obstacle = Table(
     Column("removed_reason", String(16)),
     # What an operator noted of it, and the obstacles that one report saw beside it (they never merge with it).
     Column("inspection_state", String(16), nullable=False, server_default="open"),
-    Column("distinct_from", JSON, nullable=False, server_default="[]"),
+    Column("distinct_from", JsonText, nullable=False, server_default="[]"),
     Index("obstacle_by_cell", "cell"),
     Index("obstacle_by_expiry", "expires_at"),
 )
@@ -99,7 +126,7 @@ obstacle_version = Table(
     Column("shard", SmallInteger, primary_key=True, autoincrement=False),
     Column("obstacle_id", Uuid, primary_key=True),
     Column("version", Integer, primary_key=True, autoincrement=False),
-    Column("shape", JSON, nullable=False),
+    Column("shape", JsonValue, nullable=False),
     Column("replaced_at", UtcMicroseconds, nullable=False),
 )
 
@@ -109,7 +136,7 @@ witness = Table(
     Column("shard", SmallInteger, primary_key=True, autoincrement=False),
     Column("obstacle_id", Uuid, primary_key=True),
     Column("name", String(64), primary_key=True),
-    Column("seen_at", JSON, nullable=False),
+    Column("seen_at", JsonText, nullable=False),
     Column("absent_at", UtcMicroseconds),
     Column("latest_at", UtcMicroseconds, nullable=False),
 )
@@ -140,7 +167,7 @@ report = Table(
     Column("body", Text, nullable=False),
     Column("answer", Text, nullable=False),
     # The locked tiles with their `lock_seq`: the order in which reports about one place were decided.
-    Column("tiles", JSON, nullable=False, server_default="[]"),
+    Column("tiles", JsonText, nullable=False, server_default="[]"),
     Index("report_by_receipt", "received_at"),
 )
 
@@ -154,9 +181,9 @@ action = Table(
     Column("kind", String(24), nullable=False),
     Column("shard", SmallInteger, nullable=False),
     Column("obstacle_id", Uuid, nullable=False),
-    Column("detail", JSON, nullable=False),
+    Column("detail", JsonValue, nullable=False),
     Column("request_id", String(64)),
-    Column("tiles", JSON, nullable=False),
+    Column("tiles", JsonValue, nullable=False),
     Index("action_by_time", "at"),
     Index("action_by_obstacle", "shard", "obstacle_id"),
 )

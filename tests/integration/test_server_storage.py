@@ -59,7 +59,7 @@ async def test_a_write_that_waits_too_long_is_answered_503_and_works_afterwards(
     settings, other = Settings(database_url=database_url, write_deadline_s=2), Database.open(database_url)
     async with serving(settings) as client:
         async with other.write() as connection:
-            await Repository(connection, COOPERATION.life).lock(tiles(PATRAS, 500))
+            await Repository(connection, COOPERATION.life).hold(tiles(PATRAS, 500))
             refused = await client.post("/v1/observations", content=body(), headers=JSON)
         accepted = await client.post("/v1/observations", content=body(), headers=JSON)
     await other.close()

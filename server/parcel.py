@@ -1,0 +1,56 @@
+"""A report on its way to its decision: who sent it, when it came, where it can matter, and whether it is believed."""
+
+from __future__ import annotations
+
+import hashlib
+import math
+from dataclasses import dataclass
+from datetime import datetime
+from uuid import UUID
+
+from contract.geometry import LatLon
+from contract.observation import ObservationReport
+from server import rules
+from server.plausibility import clock_correction, report_rejection
+from server.policy import Policy
+
+
+@dataclass(frozen=True, slots=True)
+class Parcel:
+    """A report, who sent it, when it was received, and its canonical text."""
+
+    message: ObservationReport
+    sent_at: datetime
+    received_at: datetime
+    key_id: str
+    witness: str
+    body: str
+
+    @property
+    def name(self) -> tuple[str, UUID]:
+        """What makes it one report: the key and the id that the vehicle gave it."""
+        return self.key_id, self.message.report_id
+
+    @property
+    def body_sha256(self) -> str:
+        """Tells a repetition from another report under the same id."""
+        return hashlib.sha256(self.body.encode()).hexdigest()
+
+
+def opened(parcel: Parcel, policy: Policy) -> rules.Report | str:
+    """The report at its corrected time, or why it is rejected as a whole."""
+    correction = clock_correction(parcel.sent_at, parcel.received_at, policy.times)
+    if correction is None:
+        return "clock-skew"
+    age = parcel.received_at - parcel.message.observed_at - correction
+    if rejection := report_rejection(parcel.message, age, policy.plausibility, policy.times):
+        return rejection
+    return rules.Report(parcel.message, parcel.received_at - age, parcel.key_id, parcel.witness)
+
+
+def area(message: ObservationReport, policy: Policy) -> tuple[LatLon, float]:
+    """Centre and radius (m) of all that a report could match: what it saw, the gate, and an obstacle's drift."""
+    limits = policy.plausibility
+    seen_m = max((math.hypot(item.east_m, item.north_m) for item in message.detections), default=0.0)
+    reach_m = limits.reach_m if message.inspections else min(seen_m, limits.reach_m)
+    return message.origin.position, reach_m + policy.gate_m + policy.matching.greatest_drift_m

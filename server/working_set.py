@@ -1,0 +1,128 @@
+"""What one write transaction sees and changes: rows read once, decided upon in memory, written in bulk at the end.
+
+Many reports share a transaction (group commit). Each is decided on the state that those before it left, exactly as if
+each had its own transaction, and what a later report changes again is written once.
+"""
+
+from __future__ import annotations
+
+from bisect import bisect_left, bisect_right, insort
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+from uuid import UUID
+
+from contract.geometry import LatLon
+from server.features import ObstacleEvent, event_of
+from server.obstacle import Obstacle, Witness
+from server.policy import Life
+from server.quadkey import cell_of, cover, tile_of_cell
+
+Evidence = dict[tuple[UUID, str], Witness]
+
+
+@dataclass(slots=True)
+class Tile:
+    """A locked row of the table `tile`: `version` numbers its events, `lock_seq` what was decided there."""
+
+    version: int
+    lock_seq: int
+
+
+@dataclass(frozen=True, slots=True)
+class EventLine:
+    """A line of the table `event`."""
+
+    tile: int
+    seq: int
+    obstacle_id: UUID
+    body: str
+
+
+class WorkingSet:
+    """Obstacles as they stand within a transaction that holds `tiles`; `evidence` is what was read with them."""
+
+    def __init__(self, tiles: dict[int, Tile], obstacles: Iterable[Obstacle], evidence: Evidence, life: Life) -> None:
+        self._life = life
+        self.tiles = tiles
+        self.stored_evidence = frozenset(evidence)
+        self._current: dict[UUID, Obstacle] = {}
+        self._places: list[tuple[int, UUID]] = []
+        for obstacle in obstacles:
+            self._current[obstacle.id] = obstacle
+            self._places.append((cell_of(obstacle.place.position), obstacle.id))
+        self._places.sort()
+        self._read = frozenset(self._current)
+        self._touched: dict[UUID, None] = {}
+        self.evidence: Evidence = {}
+        self.ended: list[Obstacle] = []
+        self.events: list[EventLine] = []
+
+    @property
+    def created(self) -> list[Obstacle]:
+        """Obstacles to insert."""
+        return [self._current[identifier] for identifier in self._touched if identifier not in self._read]
+
+    @property
+    def changed(self) -> list[Obstacle]:
+        """Obstacles to update."""
+        return [self._current[identifier] for identifier in self._touched if identifier in self._read]
+
+    def nearby(self, centre: LatLon, radius_m: float) -> tuple[Obstacle, ...]:
+        """All obstacles in the cells of a circle, removed ones too, by id."""
+        inside = []
+        for low, high in cover(centre, radius_m):
+            first = bisect_left(self._places, low, key=_cell)
+            last = bisect_right(self._places, high, key=_cell)
+            inside += [identifier for _, identifier in self._places[first:last]]
+        return tuple(self._current[identifier] for identifier in sorted(inside))
+
+    def put(self, after: Obstacle) -> ObstacleEvent | None:
+        """Take an obstacle's new value; the event when a served field changed."""
+        before = self._current.get(after.id)
+        if before is after:
+            return None
+        if before is not None and before.version != after.version:
+            self.ended.append(before)
+        self._keep_evidence(before, after)
+        self._place(before, after)
+        self._current[after.id] = after
+        self._touched[after.id] = None
+        if before is not None and before.revision == after.revision:
+            return None
+        return self._announced(before, after)
+
+    def _keep_evidence(self, before: Obstacle | None, after: Obstacle) -> None:
+        known = () if before is None else before.evidence
+        for witness in after.evidence:
+            if witness not in known:
+                self.evidence[after.id, witness.name] = witness
+
+    def _place(self, before: Obstacle | None, after: Obstacle) -> None:
+        if before is not None:
+            if before.place.position == after.place.position:
+                return
+            self._places.remove((cell_of(before.place.position), before.id))
+        insort(self._places, (cell_of(after.place.position), after.id))
+
+    def _announced(self, before: Obstacle | None, after: Obstacle) -> ObstacleEvent:
+        """The event, in the log of the obstacle's tile, and in that of the tile that it has left."""
+        event = event_of(after, self._life)
+        body = event.feature.model_dump_json()
+        places = [after.place.position] + ([] if before is None else [before.place.position])
+        for number in dict.fromkeys(tile_of_cell(cell_of(place)) for place in places):
+            tile = self.tiles[number]
+            tile.version += 1
+            self.events.append(EventLine(number, tile.version, after.id, body))
+        return event
+
+
+def with_evidence(obstacles: Iterable[Obstacle], evidence: Evidence) -> list[Obstacle]:
+    """Obstacles with the evidence that was read for them."""
+    by_obstacle: dict[UUID, list[Witness]] = {}
+    for (identifier, _), witness in evidence.items():
+        by_obstacle.setdefault(identifier, []).append(witness)
+    return [replace(item, evidence=tuple(by_obstacle.get(item.id, ()))) for item in obstacles]
+
+
+def _cell(place: tuple[int, UUID]) -> int:
+    return place[0]

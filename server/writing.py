@@ -1,0 +1,133 @@
+"""Writes what a transaction decided, in bulk: one statement for each table, whatever the number of reports."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from datetime import datetime
+from typing import Any
+from uuid import UUID
+
+from pydantic import TypeAdapter
+from sqlalchemy import Table, Update, bindparam, update
+from sqlalchemy.ext.asyncio import AsyncConnection
+
+from server import rows, tables
+from server.identity import shard_of_id
+from server.policy import Life
+from server.quadkey import shard_of_tile
+from server.working_set import WorkingSet
+
+HeldTiles = dict[int, int]
+"""Tiles that a report locked, with its `lock_seq` there: the order in which reports were decided."""
+_held = TypeAdapter(HeldTiles)
+
+
+@dataclass(frozen=True, slots=True)
+class LoggedReport:
+    """A line of the observation log: what was sent, and what was answered."""
+
+    key_id: str
+    report_id: UUID
+    body_sha256: str
+    witness: str
+    observed_at: datetime
+    received_at: datetime
+    body: str
+    answer: str
+    tiles: HeldTiles
+
+
+async def write(connection: AsyncConnection, changes: WorkingSet, life: Life, now: datetime) -> None:
+    """Write obstacles, evidence, ended versions and events, and advance the tiles."""
+    created = [rows.row_of(obstacle, life) for obstacle in changes.created]
+    await _insert(connection, tables.obstacle, created)
+    await _update(connection, _UPDATE_OBSTACLE, [rows.row_of(obstacle, life) for obstacle in changes.changed])
+    await _insert(connection, tables.obstacle_version, _ended_versions(changes, now))
+    evidence = {
+        key: rows.witness_row(shard_of_id(key[0]), key[0], witness) for key, witness in changes.evidence.items()
+    }
+    await _insert(
+        connection, tables.witness, [row for key, row in evidence.items() if key not in changes.stored_evidence]
+    )
+    await _update(connection, _UPDATE_WITNESS, [row for key, row in evidence.items() if key in changes.stored_evidence])
+    await _insert(connection, tables.event, _events(changes, now))
+    await _update(connection, _UPDATE_TILE, _tiles(changes))
+
+
+async def log(connection: AsyncConnection, lines: Sequence[LoggedReport]) -> None:
+    """Append to the observation log; the primary key refuses a second line of one report's name."""
+    values = [
+        {
+            "key_id": line.key_id,
+            "report_id": line.report_id,
+            "body_sha256": line.body_sha256,
+            "witness": line.witness,
+            "observed_at": line.observed_at,
+            "received_at": line.received_at,
+            "body": line.body,
+            "answer": line.answer,
+            "tiles": _held.dump_json(line.tiles).decode(),
+        }
+        for line in lines
+    ]
+    await _insert(connection, tables.report, values)
+
+
+def _ended_versions(changes: WorkingSet, now: datetime) -> list[dict[str, Any]]:
+    return [
+        {
+            "shard": ended.shard,
+            "obstacle_id": ended.id,
+            "version": ended.version,
+            "shape": rows.shape_json(ended.shape),
+            "replaced_at": now,
+        }
+        for ended in changes.ended
+    ]
+
+
+def _events(changes: WorkingSet, now: datetime) -> list[dict[str, Any]]:
+    return [
+        {
+            "shard": shard_of_tile(line.tile),
+            "tile": line.tile,
+            "seq": line.seq,
+            "obstacle_id": line.obstacle_id,
+            "body": line.body,
+            "written_at": now,
+        }
+        for line in changes.events
+    ]
+
+
+def _tiles(changes: WorkingSet) -> list[dict[str, Any]]:
+    return [
+        {"shard": shard_of_tile(number), "tile": number, "version": tile.version, "lock_seq": tile.lock_seq}
+        for number, tile in changes.tiles.items()
+    ]
+
+
+async def _insert(connection: AsyncConnection, table: Table, values: list[dict[str, Any]]) -> None:
+    if values:
+        await connection.execute(table.insert(), values)
+
+
+async def _update(connection: AsyncConnection, statement: Update, values: list[dict[str, Any]]) -> None:
+    """Update rows by their primary key; the names of its columns are bound with a trailing underscore."""
+    if values:
+        await connection.execute(statement, [{f"{name}_": value for name, value in row.items()} for row in values])
+
+
+def _update_by_key(table: Table) -> Update:
+    key = table.primary_key.columns
+    here = [column == bindparam(f"{column.name}_") for column in key]
+    rest: dict[str, Any] = {
+        column.name: bindparam(f"{column.name}_") for column in table.columns if column.name not in key
+    }
+    return update(table).where(*here).values(rest)
+
+
+_UPDATE_OBSTACLE = _update_by_key(tables.obstacle)
+_UPDATE_WITNESS = _update_by_key(tables.witness)
+_UPDATE_TILE = _update_by_key(tables.tile)
