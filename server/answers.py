@@ -2,10 +2,6 @@
 
 from __future__ import annotations
 
-import math
-
-import numpy as np
-
 from contract.observation import (
     DecisionKind,
     DetectionResult,
@@ -15,9 +11,8 @@ from contract.observation import (
     ReportResult,
     ReportStatus,
 )
-from server.geodesy import matrix_m2
-from server.obstacle import Place
 from server.rules import Decision, Verdict
+from server.symmetric import greatest_sd_m
 
 
 def accepted(report: ObservationReport, decisions: list[Decision]) -> ReportResult:
@@ -48,7 +43,7 @@ def _detection_result(decision: Decision) -> DetectionResult:
         revision=obstacle.revision,
         state=obstacle.state,
         position=obstacle.place.position,
-        position_sd_m=_greatest_sd_m(obstacle.place),
+        position_sd_m=greatest_sd_m(obstacle.place.covariance),
         box=obstacle.shape.box,
     )
 
@@ -60,7 +55,3 @@ def _inspection_result(inspection: Inspection, decision: Decision) -> Inspection
         why=decision.reason,
         removed=decision.outcome is Verdict.REMOVED,
     )
-
-
-def _greatest_sd_m(place: Place) -> float:
-    return math.sqrt(max(0.0, float(np.linalg.eigvalsh(matrix_m2(place.covariance))[-1])))

@@ -8,7 +8,7 @@ import shapely
 from shapely.affinity import rotate, translate
 
 from contract.geometry import Box
-from server.geodesy import FloatArray
+from server.geodesy import EastNorth
 
 
 def footprint_mm(box: Box) -> shapely.Polygon:
@@ -25,9 +25,9 @@ def union_over_intersection(a: Box, b: Box, *, ignore_yaw: bool) -> float:
     return (a.length_mm * a.width_mm + b.length_mm * b.width_mm - intersection) / intersection
 
 
-def overlap_of_smaller(a: Box, b: Box, a_from_b_m: FloatArray) -> float:
-    """Share of the smaller box that lies in the other; `a_from_b_m` (2,) is a's centre minus b's."""
-    moved = translate(footprint_mm(a), 1000 * float(a_from_b_m[0]), 1000 * float(a_from_b_m[1]))
+def overlap_of_smaller(a: Box, b: Box, a_from_b_m: EastNorth) -> float:
+    """Share of the smaller box that lies in the other; `a_from_b_m` is a's centre minus b's."""
+    moved = translate(footprint_mm(a), 1000 * a_from_b_m.east_m, 1000 * a_from_b_m.north_m)
     smaller_mm2 = min(a.length_mm * a.width_mm, b.length_mm * b.width_mm)
     return float(moved.intersection(footprint_mm(b)).area) / smaller_mm2
 

@@ -6,6 +6,7 @@ mismatches for five holes 1.5 to 6 m apart at GNSS errors of 1.5 to 3 m, the com
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -16,20 +17,25 @@ from scipy.optimize import linear_sum_assignment
 from contract.geometry import Box, LatLon
 from contract.observation import Descriptor, Detection, ObservationReport
 from server.footprint import overlap_of_smaller
-from server.geodesy import FloatArray, east_north_m, matrix_m2
+from server.geodesy import EastNorth, FloatArray, east_north_m
 from server.obstacle import Obstacle, Place
 from server.policy import Matching
+from server.symmetric import Symmetric, matrix_m2
+
+Information = tuple[FloatArray, FloatArray, FloatArray]
+"""Symmetric matrices by their components xx, xy, yy."""
 
 # Keeps a perfect pose (no covariance) invertible; a tenth of a millimetre.
 _LEAST_VARIANCE_M2 = 1e-8
 _FORBIDDEN = 1e9
+_NO_SHIFT = EastNorth(0.0, 0.0)
 
 
 @dataclass(frozen=True, slots=True)
 class Matches:
-    """`obstacle_of` maps the index of a detection to the index of an obstacle; `shift_m` (2,) is the report's error."""
+    """`obstacle_of` maps the index of a detection to the index of an obstacle; `shift_m` is the report's error."""
 
-    shift_m: FloatArray
+    shift_m: EastNorth
     obstacle_of: dict[int, int]
 
 
@@ -37,12 +43,13 @@ class Matches:
 class _Pairs:
     """All pairs of D detections and O obstacles, in `enu` about the report's origin."""
 
-    offsets_m: FloatArray  # (D, O, 2), detection minus obstacle
-    information: FloatArray  # (D, O, 2, 2), inverse covariance without the pose error
+    east_m: FloatArray  # (D, O), detection minus obstacle
+    north_m: FloatArray
+    information: Information  # each (D, O), inverse covariance without the pose error
     shape_cost: FloatArray  # (D, O)
     allowed: NDArray[np.bool_]  # (D, O)
-    pose_information: FloatArray  # (2, 2)
-    pose_m2: FloatArray  # (2, 2)
+    pose_m2: Symmetric
+    pose_information: Symmetric
 
 
 def match(
@@ -54,11 +61,18 @@ def match(
     (chi-square 99.9 % with 2 degrees of freedom). Among hypotheses of the shift the cheapest assignment wins.
     """
     if not detections or not obstacles:
-        return Matches(np.zeros(2), {})
+        return Matches(_NO_SHIFT, {})
     pairs = _pairs(report, detections, obstacles, policy)
-    best_cost, best = np.inf, Matches(np.zeros(2), {})
+    best_cost, best = math.inf, Matches(_NO_SHIFT, {})
+    tried: set[tuple[tuple[int, int], ...]] = set()
     for hypothesis in _hypotheses(pairs, policy):
-        refined = _refined(pairs, hypothesis, policy)
+        assigned = _assigned(pairs, hypothesis, policy)
+        key = tuple(assigned.items())
+        # The shift follows from the assignment, so that one assignment need not be refined twice.
+        if key in tried:
+            continue
+        tried.add(key)
+        refined = _refined(pairs, assigned, policy)
         cost = _cost(pairs, refined, policy)
         if cost < best_cost:
             best_cost, best = cost, refined
@@ -66,25 +80,27 @@ def match(
 
 
 def residual_chi_square(
-    detection: Detection, shift_m: FloatArray, origin: LatLon, place: Place, policy: Matching
+    detection: Detection, shift_m: EastNorth, origin: LatLon, place: Place, policy: Matching
 ) -> float:
     """Squared Mahalanobis distance of a detection, freed of the report's shift, from a stored place."""
-    offset = centre_m(detection) - shift_m - east_north_m(place.position, origin)
-    covariance = matrix_m2(detection.covariance) + stored_covariance_m2(place, policy)
-    return float(offset @ np.linalg.solve(covariance, offset))
+    stored = east_north_m(place.position, origin)
+    covariance = matrix_m2(detection.covariance).plus(stored_covariance_m2(place, policy))
+    return covariance.inverse().square(
+        detection.east_m - shift_m.east_m - stored.east_m, detection.north_m - shift_m.north_m - stored.north_m
+    )
 
 
 def same_level(report: ObservationReport, up_m: float, place: Place, policy: Matching) -> bool:
     """Whether something `up_m` above the report's origin can be on the same road as a stored place (bridges)."""
     apart_m = abs(report.origin.altitude_m + up_m - place.altitude_m)
-    sd_m = float(np.hypot(report.origin.altitude_sd_m, place.altitude_sd_m))
+    sd_m = math.hypot(report.origin.altitude_sd_m, place.altitude_sd_m)
     return apart_m - 2 * sd_m < policy.level_m
 
 
 def joined_to(detection: Detection, others: Sequence[Detection], policy: Matching) -> int | None:
     """Index of the first other detection of the same sign whose box this one overlaps by half of the smaller."""
     for index, other in enumerate(others):
-        apart_m = centre_m(detection) - centre_m(other)
+        apart_m = EastNorth(detection.east_m - other.east_m, detection.north_m - other.north_m)
         if other.sign is detection.sign and (
             overlap_of_smaller(detection.box, other.box, apart_m) >= policy.joining_overlap
         ):
@@ -92,16 +108,9 @@ def joined_to(detection: Detection, others: Sequence[Detection], policy: Matchin
     return None
 
 
-def centre_m(detection: Detection) -> FloatArray:
-    """(east, north) of a detection about its report's origin."""
-    return np.array([detection.east_m, detection.north_m], dtype=np.float64)
-
-
-def stored_covariance_m2(place: Place, policy: Matching) -> FloatArray:
-    """Covariance (2, 2) of a stored place, no axis better than the policy's least standard deviation."""
-    values, vectors = np.linalg.eigh(matrix_m2(place.covariance))
-    floored = np.maximum(values, policy.least_stored_sd_m**2)
-    return np.asarray(vectors @ np.diag(floored) @ vectors.T, dtype=np.float64)
+def stored_covariance_m2(place: Place, policy: Matching) -> Symmetric:
+    """Covariance of a stored place, no axis better than the policy's least standard deviation."""
+    return matrix_m2(place.covariance).floored(policy.least_stored_sd_m**2)
 
 
 def shape_distance(a: Descriptor, a_box: Box, b: Descriptor, b_box: Box) -> float:
@@ -128,22 +137,38 @@ def _relative_difference(a: float, b: float) -> float:
 def _pairs(
     report: ObservationReport, detections: Sequence[Detection], obstacles: Sequence[Obstacle], policy: Matching
 ) -> _Pairs:
-    centres = np.array([centre_m(d) for d in detections])
-    places = np.array([east_north_m(o.place.position, report.origin.position) for o in obstacles])
-    measured = np.array([matrix_m2(d.covariance) for d in detections])
-    stored = np.array([stored_covariance_m2(o.place, policy) for o in obstacles])
-    pose_m2 = matrix_m2(report.origin.covariance) + _LEAST_VARIANCE_M2 * np.eye(2)
+    places = [east_north_m(obstacle.place.position, report.origin.position) for obstacle in obstacles]
+    stored = [stored_covariance_m2(obstacle.place, policy) for obstacle in obstacles]
+    measured = [matrix_m2(detection.covariance) for detection in detections]
+    pose_m2 = matrix_m2(report.origin.covariance).widened(_LEAST_VARIANCE_M2)
     return _Pairs(
-        offsets_m=centres[:, None] - places[None],
-        information=np.linalg.inv(measured[:, None] + stored[None]),
+        east_m=_differences([d.east_m for d in detections], [place.east_m for place in places]),
+        north_m=_differences([d.north_m for d in detections], [place.north_m for place in places]),
+        information=_inverse(_sums(measured, stored)),
         shape_cost=np.array([[_shape_cost(d, o, policy) for o in obstacles] for d in detections]),
         allowed=np.array(
             [[d.sign is o.sign and same_level(report, d.up_m, o.place, policy) for o in obstacles] for d in detections],
             dtype=np.bool_,
         ),
-        pose_information=np.asarray(np.linalg.inv(pose_m2), dtype=np.float64),
         pose_m2=pose_m2,
+        pose_information=pose_m2.inverse(),
     )
+
+
+def _differences(a: Sequence[float], b: Sequence[float]) -> FloatArray:
+    return np.subtract.outer(np.asarray(a, dtype=np.float64), np.asarray(b, dtype=np.float64))
+
+
+def _sums(a: Sequence[Symmetric], b: Sequence[Symmetric]) -> Information:
+    """Sums of all pairs of matrices, each component (len(a), len(b))."""
+    xx, xy, yy = (np.add.outer(a_part, b_part) for a_part, b_part in zip(np.array(a).T, np.array(b).T, strict=True))
+    return xx, xy, yy
+
+
+def _inverse(matrices: Information) -> Information:
+    xx, xy, yy = matrices
+    determinant = xx * yy - xy * xy
+    return yy / determinant, -xy / determinant, xx / determinant
 
 
 def _shape_cost(detection: Detection, obstacle: Obstacle, policy: Matching) -> float:
@@ -151,51 +176,61 @@ def _shape_cost(detection: Detection, obstacle: Obstacle, policy: Matching) -> f
     return policy.shape_weight * shape_distance(detection.descriptor, detection.box, shape.descriptor, shape.box)
 
 
-def _hypotheses(pairs: _Pairs, policy: Matching) -> list[FloatArray]:
+def _hypotheses(pairs: _Pairs, policy: Matching) -> list[EastNorth]:
     """No shift, and the most likely shift of every pair that the pose error allows, likeliest first."""
-    covariance = pairs.pose_m2 + np.linalg.inv(pairs.information)
-    explained = np.linalg.solve(covariance, pairs.offsets_m[..., None])[..., 0]
-    chi_square = np.einsum("doi,doi->do", pairs.offsets_m, explained)
+    xx, xy, yy = _inverse(pairs.information)
+    pose = pairs.pose_m2
+    ixx, ixy, iyy = _inverse((xx + pose.xx, xy + pose.xy, yy + pose.yy))
+    explained_east = ixx * pairs.east_m + ixy * pairs.north_m
+    explained_north = ixy * pairs.east_m + iyy * pairs.north_m
+    chi_square = pairs.east_m * explained_east + pairs.north_m * explained_north
     likely = np.argwhere(pairs.allowed & (chi_square <= policy.gate_chi_square))
+    if not len(likely):
+        return [_NO_SHIFT]
     costs = (chi_square + pairs.shape_cost)[likely[:, 0], likely[:, 1]]
-    ordered = likely[np.argsort(costs, kind="stable")[: policy.hypotheses]]
-    return [np.zeros(2), *(pairs.pose_m2 @ explained[d, o] for d, o in ordered)]
+    ordered = likely[np.argsort(costs, kind="stable")[: policy.hypotheses]].tolist()
+    shifts = [EastNorth(*pose.times(float(explained_east[d, o]), float(explained_north[d, o]))) for d, o in ordered]
+    return [_NO_SHIFT, *shifts]
 
 
-def _refined(pairs: _Pairs, shift_m: FloatArray, policy: Matching) -> Matches:
-    """Assign, estimate the shift from the assigned pairs, and assign again."""
-    shift_m = _shift(pairs, _assigned(pairs, shift_m, policy))
+def _refined(pairs: _Pairs, assigned: dict[int, int], policy: Matching) -> Matches:
+    """Estimate the shift from assigned pairs, and assign again."""
+    shift_m = _shift(pairs, assigned)
     return Matches(shift_m, _assigned(pairs, shift_m, policy))
 
 
-def _shift(pairs: _Pairs, obstacle_of: dict[int, int]) -> FloatArray:
+def _shift(pairs: _Pairs, obstacle_of: dict[int, int]) -> EastNorth:
     """Most likely common shift: the pairs' offsets against the pose's prior, all Gaussian."""
-    information = pairs.pose_information.copy()
-    weighted = np.zeros(2)
-    for d, o in obstacle_of.items():
-        information += pairs.information[d, o]
-        weighted += pairs.information[d, o] @ pairs.offsets_m[d, o]
-    return np.asarray(np.linalg.solve(information, weighted), dtype=np.float64)
+    total, east, north = pairs.pose_information, 0.0, 0.0
+    for pair in obstacle_of.items():
+        information = Symmetric(*(float(part[pair]) for part in pairs.information))
+        more_east, more_north = information.times(float(pairs.east_m[pair]), float(pairs.north_m[pair]))
+        total, east, north = total.plus(information), east + more_east, north + more_north
+    return EastNorth(*total.inverse().times(east, north))
 
 
-def _assigned(pairs: _Pairs, shift_m: FloatArray, policy: Matching) -> dict[int, int]:
+def _assigned(pairs: _Pairs, shift_m: EastNorth, policy: Matching) -> dict[int, int]:
     residuals = _residuals(pairs, shift_m)
     inside = pairs.allowed & (residuals <= policy.gate_chi_square)
-    costs = np.where(inside, residuals + pairs.shape_cost, _FORBIDDEN)
+    if not inside.any():
+        return {}
+    detections, obstacles = inside.shape
     # An unmatched detection costs more than any allowed pair, so that as many as possible are matched.
-    unmatched = np.full((len(costs), len(costs)), policy.gate_chi_square + policy.shape_weight)
-    rows, columns = linear_sum_assignment(np.hstack([costs, unmatched]))
-    return {int(d): int(o) for d, o in zip(rows, columns, strict=True) if o < costs.shape[1]}
+    costs = np.full((detections, obstacles + detections), policy.gate_chi_square + policy.shape_weight)
+    costs[:, :obstacles] = np.where(inside, residuals + pairs.shape_cost, _FORBIDDEN)
+    rows, columns = linear_sum_assignment(costs)
+    return {d: o for d, o in zip(rows.tolist(), columns.tolist(), strict=True) if o < obstacles}
 
 
 def _cost(pairs: _Pairs, matches: Matches, policy: Matching) -> float:
     residuals = _residuals(pairs, matches.shift_m) + pairs.shape_cost
-    prior = float(matches.shift_m @ pairs.pose_information @ matches.shift_m)
+    prior = pairs.pose_information.square(*matches.shift_m)
     unmatched = len(residuals) - len(matches.obstacle_of)
-    matched = sum(float(residuals[d, o]) for d, o in matches.obstacle_of.items())
+    matched = sum(float(residuals[pair]) for pair in matches.obstacle_of.items())
     return prior + matched + unmatched * (policy.gate_chi_square + policy.shape_weight)
 
 
-def _residuals(pairs: _Pairs, shift_m: FloatArray) -> FloatArray:
-    offsets = pairs.offsets_m - shift_m
-    return np.asarray(np.einsum("doi,doij,doj->do", offsets, pairs.information, offsets), dtype=np.float64)
+def _residuals(pairs: _Pairs, shift_m: EastNorth) -> FloatArray:
+    east_m, north_m = pairs.east_m - shift_m.east_m, pairs.north_m - shift_m.north_m
+    xx, xy, yy = pairs.information
+    return np.asarray(xx * east_m * east_m + 2 * xy * east_m * north_m + yy * north_m * north_m)

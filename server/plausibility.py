@@ -5,12 +5,9 @@ from __future__ import annotations
 import math
 from datetime import datetime, timedelta
 
-import numpy as np
-
-from contract.geometry import PlaneCovariance
 from contract.observation import Detection, ObservationReport
-from server.geodesy import matrix_m2
 from server.policy import Plausibility, Times
+from server.symmetric import greatest_sd_m
 
 
 def report_rejection(report: ObservationReport, age: timedelta, limits: Plausibility, times: Times) -> str | None:
@@ -21,7 +18,7 @@ def report_rejection(report: ObservationReport, age: timedelta, limits: Plausibi
         return "too-old"
     if abs(report.origin.position.latitude_deg) > limits.greatest_latitude_deg:
         return "beyond-the-map"
-    if _greatest_sd_m(report.origin.covariance) > limits.greatest_pose_sd_m:
+    if greatest_sd_m(report.origin.covariance) > limits.greatest_pose_sd_m:
         return "pose-too-uncertain"
     return None
 
@@ -39,7 +36,7 @@ def detection_rejection(detection: Detection, limits: Plausibility) -> str | Non
         return "too-few-points"
     if math.hypot(detection.east_m, detection.north_m) > limits.reach_m or abs(detection.up_m) > limits.greatest_up_m:
         return "out-of-reach"
-    if _greatest_sd_m(detection.covariance) > limits.greatest_centre_sd_m:
+    if greatest_sd_m(detection.covariance) > limits.greatest_centre_sd_m:
         return "position-too-uncertain"
     return None
 
@@ -50,7 +47,3 @@ def clock_correction(sent_at: datetime, received_at: datetime, times: Times) -> 
     if abs(skew) > times.corrected_skew:
         return None
     return skew if abs(skew) > times.tolerated_skew else timedelta()
-
-
-def _greatest_sd_m(covariance: PlaneCovariance) -> float:
-    return math.sqrt(max(0.0, float(np.linalg.eigvalsh(matrix_m2(covariance))[-1])))

@@ -8,7 +8,6 @@ from dataclasses import dataclass
 from datetime import UTC, datetime
 
 import httpx
-import numpy as np
 import pytest
 import uvicorn
 from websockets.asyncio.client import ClientConnection, connect
@@ -78,12 +77,12 @@ async def received(socket: ClientConnection) -> ServerMessage:
 
 
 def at(seq: int, east_m: float = 0.0, radius_m: float = 100.0) -> str:
-    position = offset_from(PATRAS, np.array([east_m, 0.0]))
+    position = offset_from(PATRAS, east_m, 0.0)
     return Position(position_seq=seq, position=position, radius_m=radius_m).model_dump_json()
 
 
 def seen(east_m: float = 0.0, vehicle: str = "ego1", hours_ago: float = 5, length_mm: int = 1000) -> ObservationReport:
-    place = offset_from(PATRAS, np.array([east_m, 0.0]))
+    place = offset_from(PATRAS, east_m, 0.0)
     when = datetime.now(UTC) - hours_ago * HOUR
     return message(detection(0, 0, length_mm), vehicle=vehicle, at=when, position=place)
 

@@ -3,25 +3,45 @@
 from __future__ import annotations
 
 import numpy as np
+import pymap3d
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from contract.geometry import LatLon
 from server.geodesy import distance_m, east_north_m, offset_from
+from server.symmetric import Symmetric
 from tests.unit.server.making import HOUR, NOON, PATRAS, Road, detection
 
 offsets = st.floats(-500, 500)
 
 
-@given(st.floats(-84, 84), st.floats(-180, 180), offsets, offsets)
+places = st.builds(LatLon, latitude_deg=st.floats(-84, 84), longitude_deg=st.floats(-180, 180))
+
+
+@given(places, offsets, offsets)
 @settings(max_examples=200, deadline=None)
-def test_offsets_survive_the_way_over_the_ellipsoid(
-    latitude_deg: float, longitude_deg: float, east_m: float, north_m: float
-) -> None:
-    origin = LatLon(latitude_deg=latitude_deg, longitude_deg=longitude_deg)
-    there = offset_from(origin, np.array([east_m, north_m]))
+def test_offsets_survive_the_way_over_the_ellipsoid(origin: LatLon, east_m: float, north_m: float) -> None:
+    there = offset_from(origin, east_m, north_m)
     assert np.allclose(east_north_m(there, origin), [east_m, north_m], atol=1e-4)
     assert abs(distance_m(origin, there) - np.hypot(east_m, north_m)) < 1e-3
+
+
+@given(places, offsets, offsets)
+@settings(max_examples=200, deadline=None)
+def test_the_plane_is_that_of_pymap3d(origin: LatLon, east_m: float, north_m: float) -> None:
+    there = offset_from(origin, east_m, north_m)
+    at = (there.latitude_deg, there.longitude_deg, 0.0)
+    theirs = pymap3d.geodetic2enu(*at, origin.latitude_deg, origin.longitude_deg, 0.0)
+    assert np.allclose(east_north_m(there, origin), theirs[:2], atol=1e-6)
+
+
+@given(st.floats(0.01, 100), st.floats(0.01, 100), st.floats(-0.99, 0.99), st.floats(0.01, 50))
+def test_a_floored_covariance_keeps_its_axes(xx: float, yy: float, correlation: float, least: float) -> None:
+    matrix = Symmetric(xx, correlation * np.sqrt(xx * yy), yy)
+    values, vectors = np.linalg.eigh([[matrix.xx, matrix.xy], [matrix.xy, matrix.yy]])
+    wanted = vectors @ np.diag(np.maximum(values, least)) @ vectors.T
+    floored = matrix.floored(least)
+    assert np.allclose([[floored.xx, floored.xy], [floored.xy, floored.yy]], wanted, atol=1e-6)
 
 
 def test_a_common_offset_of_the_report_is_estimated() -> None:
