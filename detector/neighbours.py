@@ -1,8 +1,8 @@
 """The k nearest neighbours of every point of a cloud, exactly, leaf by leaf of a balanced kd-tree.
 
-A cloud's neighbourhoods overlap, so the points of a leaf (about six) share one search: all leaves nearer than the
-farthest neighbour of any of them are candidates for all. A leaf's points lie side by side in memory, so distances
-and the search for the k-th smallest among them are loops over contiguous numbers, which compile to vector
+A cloud's neighbourhoods overlap, so the points of a leaf (about a dozen) share one search: all points nearer to their
+box than the farthest neighbour of any of them are candidates for all. These are laid side by side in memory, so
+distances and the search for the k-th smallest among them are loops over contiguous numbers, which compile to vector
 instructions. No list is kept sorted: the k-th distance is found by counting.
 """
 
@@ -19,14 +19,17 @@ from detector.kd_tree import ZERO, RowArray, node_boxes, sort_into_leaves
 from detector.threads import in_chunks
 from detector.types import DetectorError, Float32Array, FloatArray
 
-# Points of a leaf: the least time of 4, 8, 16 and 32 on sweeps of 26 and 115 thousand points.
-LEAF_POINTS = 8
+# Points of a leaf at most: the least time of 8, 16, 24 and 32 on a sweep of 114 thousand points.
+LEAF_POINTS = 16
 # Levels that are sorted before two threads share the rest.
 TOP_LEVELS = 3
-# A leaf's search begins with the squared reach of the last one, which lies beside it, and a quarter more.
-REACH_MARGIN = np.float32(1.25)
+# A leaf's search begins with the squared reach of the last one, which lies beside it, and half of it more.
+REACH_MARGIN = np.float32(1.5)
 # Where distances are equal no limit holds exactly k of them: the search ends here.
 MAX_STEPS = 40
+# Loops over candidates are compiled to 32 at a time: they end on points so far off that they are nobody's neighbours.
+LANES = 32
+FAR = np.float32(1e18)
 TINY = np.float32(1e-14)
 
 
@@ -65,14 +68,28 @@ def find_neighbourhoods(points_m: FloatArray, count: int) -> Neighbourhoods:
 
 def _unit_records(points_m: FloatArray) -> Float32Array:
     """Coordinates about the centre over the cloud's reach (N, 4); in the fourth place the bits of the row's number."""
-    centred = points_m - points_m.mean(axis=0)
-    reach = float(np.abs(centred).max())
-    if not math.isfinite(reach):
-        raise DetectorError("the points are not all finite: leave out what is NaN or infinite")
     records = np.empty((len(points_m), 4), dtype=np.float32)
-    records[:, :3] = centred / (reach or 1.0)
     records.view(np.int32)[:, 3] = np.arange(len(points_m))
+    if not math.isfinite(_centre_and_scale(points_m, records)):
+        raise DetectorError("the points are not all finite: leave out what is NaN or infinite")
     return records
+
+
+@njit(cache=True, nogil=True)
+def _centre_and_scale(points_m: FloatArray, records: Float32Array) -> float:
+    """Fills the first three columns of the records; returns the cloud's reach, NaN or infinite if a coordinate is."""
+    x = y = z = reach = 0.0
+    for i in range(len(points_m)):
+        x, y, z = x + points_m[i, 0], y + points_m[i, 1], z + points_m[i, 2]
+    x, y, z = x / len(points_m), y / len(points_m), z / len(points_m)
+    for i in range(len(points_m)):
+        reach = max(reach, abs(points_m[i, 0] - x), abs(points_m[i, 1] - y), abs(points_m[i, 2] - z))
+    unit = 1.0 / reach if reach > 0.0 else 1.0
+    for i in range(len(points_m)):
+        records[i, 0] = (points_m[i, 0] - x) * unit
+        records[i, 1] = (points_m[i, 1] - y) * unit
+        records[i, 2] = (points_m[i, 2] - z) * unit
+    return reach + x + y + z
 
 
 @njit(cache=True, nogil=True)
@@ -90,13 +107,14 @@ def _search(xyz: Float32Array, boxes: Float32Array, depth: int, start: int, stop
         radii[:] = np.inf
         while True:
             found, total = _leaves_within(boxes, depth, n, leaf, reach, count, ranges)
+            if total + LANES > rows.size:
+                near, distances, rows, chosen = _room(2 * total + LANES)
+            total = _gather(xyz, ranges, found, boxes[(1 << depth) + leaf], reach, near, distances, rows)
             if total < count:
                 reach = enough
                 continue
-            if total > rows.size:
-                near, distances, rows, chosen = _room(2 * total)
-            _gather(xyz, ranges, found, near, rows)
-            _nearest_of_leaf(xyz, low, high, near, rows, total, reach, settled, distances, chosen, radii, nearest)
+            padded = (total + LANES - 1) // LANES * LANES
+            _nearest_of_leaf(xyz, low, high, near, rows, padded, reach, settled, distances, chosen, radii, nearest)
             farthest = radii[: high - low].max()
             if farthest <= reach:
                 break
@@ -201,16 +219,44 @@ def _is_in_one_place(box: Float32Array) -> bool:
 
 
 @njit(cache=True, nogil=True)
-def _gather(xyz: Float32Array, ranges: NDArray[np.int64], found: int, near: Float32Array, rows: RowArray) -> None:
+def _gather(
+    xyz: Float32Array,
+    ranges: NDArray[np.int64],
+    found: int,
+    box: Float32Array,
+    reach: np.float32,
+    near: Float32Array,
+    distances: Float32Array,
+    rows: RowArray,
+) -> int:
+    """The points of the ranges that lie within the root of `reach` of a box, to the front of `near`: how many.
+
+    The ranges hold nearly twice as many; `distances` is room for them.
+    """
     at = 0
     for k in range(found):
         low, high = ranges[k]
+        _squared_gaps(xyz, low, high, box, distances)
         for i in range(low, high):
-            near[0, at + i - low] = xyz[0, i]
-            near[1, at + i - low] = xyz[1, i]
-            near[2, at + i - low] = xyz[2, i]
-            rows[at + i - low] = i
-        at += high - low
+            rows[at] = i
+            at += distances[i - low] <= reach
+    for k in range(3):
+        for i in range(at):
+            near[k, i] = xyz[k, rows[i]]
+    near[:, at : at + LANES] = FAR
+    return at
+
+
+@njit(cache=True, nogil=True, fastmath=True)
+def _squared_gaps(xyz: Float32Array, low: int, high: int, box: Float32Array, gaps: Float32Array) -> None:
+    """Squared distances of the rows [low, high) to a box; 0 in it."""
+    for i in range(high - low):
+        square = ZERO
+        for k in range(3):
+            x = xyz[k, low + i]
+            gap = max(max(box[k] - x, x - box[3 + k]), ZERO)
+            square += gap * gap
+        gaps[i] = square
 
 
 @njit(cache=True, nogil=True, fastmath=True)
@@ -238,12 +284,13 @@ def _kth_distance(distances: Float32Array, total: int, count: int, guess: np.flo
     More are within the second only where they are equal. Regula falsi on counts: on a surface the number of points
     within a squared distance grows in proportion to it.
     """
+    low, least = np.float32(-1.0), 0
     high = max(guess, TINY)
     most = _count_within(distances, total, high)
     while most < count:
+        low, least = high, most
         high *= np.float32(2.0)
         most = _count_within(distances, total, high)
-    low, least = np.float32(-1.0), 0
     for step in range(MAX_STEPS):
         if most == count:
             break

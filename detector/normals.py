@@ -15,13 +15,14 @@ from detector.types import FloatArray
 # Coordinates in float32 or float64, rows in any integer.
 Points = TypeVar("Points", NDArray[np.float32], NDArray[np.float64])
 Neighbours = NDArray[np.signedinteger]
-Coordinates = NDArray[np.floating]
 
 # Where a face stands upright, z alone does not orient its normal; y and then x decide with these weights.
 UP = (1e-3, 2e-3, 1.0)
 # A sliver's normal is noise: faces with less than this sine between their edges are left out.
 MIN_FACE_SINE = 1e-6
-# Newton's steps double the digits; half of them are spent where two eigenvalues are equal.
+# Newton's steps double the digits: after one of this share of the root twelve are right. Steps are spent where two
+# eigenvalues are equal.
+LAST_NEWTON_STEP = 1e-6
 MAX_NEWTON_STEPS = 30
 
 
@@ -51,26 +52,20 @@ def face_normals(points_m: Points, neighbours: Neighbours) -> Points:
 @njit(cache=True, nogil=True, fastmath=True)
 def _pca(points: Points, neighbours: Neighbours, start: int, stop: int, normals: Points) -> None:
     k = neighbours.shape[1]
-    x, y, z = np.empty(k, points.dtype), np.empty(k, points.dtype), np.empty(k, points.dtype)
     for i in range(start, stop):
         # About the point itself, so that squares of coordinates do not swallow the neighbourhood's.
+        px, py, pz = points[i, 0], points[i, 1], points[i, 2]
+        sx = sy = sz = xx = yy = zz = xy = xz = yz = px - px
         for j in range(k):
             p = neighbours[i, j]
-            x[j], y[j], z[j] = points[p, 0] - points[i, 0], points[p, 1] - points[i, 1], points[p, 2] - points[i, 2]
-        normals[i] = _flattest_direction(*_scatter(x, y, z))
-
-
-@njit(cache=True, nogil=True, fastmath=True)
-def _scatter(x: Coordinates, y: Coordinates, z: Coordinates) -> tuple[float, float, float, float, float, float]:
-    """Scatter of points (K,) about their mean: xx, yy, zz, xy, xz, yz."""
-    sx, sy, sz = x[0], y[0], z[0]
-    xx, yy, zz, xy, xz, yz = x[0] * x[0], y[0] * y[0], z[0] * z[0], x[0] * y[0], x[0] * z[0], y[0] * z[0]
-    for j in range(1, x.size):
-        sx, sy, sz = sx + x[j], sy + y[j], sz + z[j]
-        xx, yy, zz = xx + x[j] * x[j], yy + y[j] * y[j], zz + z[j] * z[j]
-        xy, xz, yz = xy + x[j] * y[j], xz + x[j] * z[j], yz + y[j] * z[j]
-    mx, my, mz = sx / x.size, sy / x.size, sz / x.size
-    return xx - sx * mx, yy - sy * my, zz - sz * mz, xy - sx * my, xz - sx * mz, yz - sy * mz
+            x, y, z = points[p, 0] - px, points[p, 1] - py, points[p, 2] - pz
+            sx, sy, sz = sx + x, sy + y, sz + z
+            xx, yy, zz = xx + x * x, yy + y * y, zz + z * z
+            xy, xz, yz = xy + x * y, xz + x * z, yz + y * z
+        mx, my, mz = sx / k, sy / k, sz / k
+        normals[i] = _flattest_direction(
+            xx - sx * mx, yy - sy * my, zz - sz * mz, xy - sx * my, xz - sx * mz, yz - sy * mz
+        )
 
 
 @njit(cache=True, nogil=True, fastmath={"contract"})
@@ -92,7 +87,7 @@ def _flattest_direction(a: float, b: float, c: float, d: float, e: float, f: flo
         slope = (3.0 * root - 2.0) * root + q
         step = (r - ((root - 1.0) * root + q) * root) / slope if slope > 0.0 else 0.0
         root += step
-        if step <= 1e-10 * root:
+        if step <= LAST_NEWTON_STEP * root:
             break
     a, b, c = a - root, b - root, c - root
     # The cross product of two independent rows of A - root I is orthogonal to both: the longest of three is taken.
