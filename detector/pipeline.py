@@ -23,6 +23,7 @@ from detector.types import (
     LabelArray,
 )
 from detector.verification import Found, find_clusters
+from detector.view import sees_road
 
 __all__ = ["Method", "detect", "estimate_sensor_height"]
 
@@ -47,6 +48,7 @@ def detect(sweep: DetectorInput, method: Method = "surface") -> FrameDetection:
         residual_m=_scatter(findings.residual_m, usable, np.full(total, np.nan, dtype=np.float32)),
         obstacles=findings.obstacles,
         corridor=findings.corridor,
+        road_seen=findings.road_seen,
     )
 
 
@@ -65,7 +67,7 @@ def _on_road(points: FloatArray, sweep: DetectorInput, sensor_height_m: float, m
     residual = np.full(len(points), np.nan)
     residual[strip.indices] = strip.deviations.residual_m
     labels = _labels(points, height, strip, found)
-    return Findings(labels, saliency, residual, obstacles, strip.corridor)
+    return Findings(labels, saliency, residual, obstacles, strip.corridor, _sees_road(strip))
 
 
 def _deviation_saliency(strip: Strip, count: int) -> FloatArray:
@@ -74,6 +76,11 @@ def _deviation_saliency(strip: Strip, count: int) -> FloatArray:
     deviations = strip.deviations
     saliency[strip.indices] = np.minimum(np.abs(deviations.residual_m) / (MAX_POINT_SD * deviations.noise_m), 1.0)
     return saliency
+
+
+def _sees_road(strip: Strip) -> bool:
+    chosen, deviations = strip.in_corridor, strip.deviations
+    return sees_road(deviations.along_m[chosen], deviations.across_m[chosen], deviations.residual_m[chosen])
 
 
 def _labels(points: FloatArray, height_m: FloatArray, strip: Strip, found: Found) -> LabelArray:

@@ -35,7 +35,7 @@ def on_survey(points_m: FloatArray, method: Literal["surface", "saliency"]) -> F
         measured = relief(frame.to_level(points_m))
     if measured is None:
         nothing = np.zeros(len(points_m))
-        return Findings(nothing.astype(np.uint8), nothing, np.full(len(points_m), np.nan), ())
+        return Findings(nothing.astype(np.uint8), nothing, np.full(len(points_m), np.nan), (), road_seen=False)
     if method == "saliency":
         return _by_saliency(points_m, frame, measured)
     return _by_surface(frame, measured)

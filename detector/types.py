@@ -112,24 +112,27 @@ class DetectedObstacle:
 @dataclass(frozen=True, slots=True)
 class Findings:
     """What a method says of the usable points (M, 3): classes (M,) uint8 (`PointClass`), saliency (M,) in [0, 1],
-    residual (M,) to the road surface in metres (NaN where there is none), obstacles in the points' frame, and the
-    road's corridor where a vehicle drives along one."""
+    residual (M,) to the road surface in metres (NaN where there is none), obstacles in the points' frame, the road's
+    corridor where a vehicle drives along one, and whether a road was seen at all."""
 
     labels: LabelArray
     saliency: FloatArray
     residual_m: FloatArray
     obstacles: tuple[DetectedObstacle, ...]
     corridor: Corridor | None = None
+    road_seen: bool = True
 
 
 @dataclass(frozen=True, slots=True)
 class FrameDetection:
     """Result of one sweep: a class (uint8, `PointClass`) and a saliency (float32, [0, 1]) for every input point in
     input order, the residual of each point to the road surface in metres (NaN where there is no surface), the
-    obstacles in the `sensor` frame, and the corridor they were searched in (None for a survey)."""
+    obstacles in the `sensor` frame, the corridor they were searched in (None for a survey), and whether a road was
+    seen at all: without one, that there is no obstacle says nothing."""
 
     labels: LabelArray
     saliency: Float32Array
     residual_m: Float32Array
     obstacles: tuple[DetectedObstacle, ...]
     corridor: Corridor | None = None
+    road_seen: bool = True

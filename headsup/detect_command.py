@@ -39,7 +39,8 @@ def detect_files(
 
     For each FILE writes into the folder, under the file's name without its last ending: NAME.labels.npy (a class for
     each point), NAME.saliency.npy, NAME.obstacles.json and NAME.png. Files of equal name in different folders are told
-    apart by the folder's name. A file that cannot be used is reported, and the others go on.
+    apart by the folder's name. A file that cannot be used is reported, and the others go on. A sweep that shows no road
+    is named: that nothing is found in it says nothing.
 
     Examples:
 
@@ -84,6 +85,8 @@ def detect_file(path: Path, out: Path, name: str, method: str, sensor_height_m: 
     height_m = estimate_sensor_height(frame.points_m) if sensor_height_m is None else sensor_height_m
     detection = detect(DetectorInput(frame.points_m, height_m), MethodName(method).value)
     _write(out, name, detection)
+    if not detection.road_seen:
+        typer.echo(f"{path}: no road in view: that nothing is found there says nothing about the road")
     draw_detection(out / f"{name}.png", frame.points_m, detection, height_m, name)
 
 

@@ -52,17 +52,18 @@ def draw_detection(
     _draw_from_above(above, points, labels, detection.obstacles)
     _draw_forward(forward, points, labels, detection.obstacles, sensor_height_m)
     figure.text(0.045, 0.935, title, color=INK, fontsize=19, fontweight="bold")
-    summary = (
-        f"{len(points_m):,} points · sensor {sensor_height_m:.2f} m above the road · {_count(detection.obstacles)}"
-    )
+    summary = f"{len(points_m):,} points · sensor {sensor_height_m:.2f} m above the road · {_found(detection)}"
     figure.text(0.985, 0.935, summary, color=INK, fontsize=12, ha="right")
     _draw_legend(figure, labels)
     _list_obstacles(figure, detection.obstacles)
     figure.savefig(path, facecolor=BACKGROUND)
 
 
-def _count(obstacles: tuple[DetectedObstacle, ...]) -> str:
-    return "no obstacle" if not obstacles else f"{len(obstacles)} obstacle{'s' if len(obstacles) > 1 else ''}"
+def _found(detection: FrameDetection) -> str:
+    if not detection.road_seen:
+        return "no road in view"
+    count = len(detection.obstacles)
+    return "no obstacle" if count == 0 else f"{count} obstacle{'s' if count > 1 else ''}"
 
 
 def _draw_from_above(

@@ -124,3 +124,12 @@ def test_no_two_files_share_a_name(files: list[Path]) -> None:
     names = output_names(files)
     assert set(names) == set(files)
     assert len(set(names.values())) == len(names)
+
+
+def test_a_sweep_without_a_road_is_said_to_show_none(tmp_path: Path, street_sweep: np.ndarray) -> None:
+    np.save(tmp_path / "street.npy", street_sweep)
+    np.save(tmp_path / "behind.npy", street_sweep[street_sweep[:, 0] < -2.0])
+    files = [str(tmp_path / f"{name}.npy") for name in ("street", "behind")]
+    result = CliRunner().invoke(app, [*files, "--out", str(tmp_path / "out"), "--sensor-height", "2.4"])
+    assert result.exit_code == 0
+    assert [line.split(": ")[:2] for line in result.stdout.splitlines()] == [[files[1], "no road in view"]]
