@@ -6,11 +6,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from contract.observation import ReportResult, ReportStatus
-from server import answers, parcel, quadkey, rules, writing
+from server import answers, parcel, rules, writing
 from server.database import Database
 from server.features import ObstacleEvent
-from server.parcel import Parcel
+from server.parcel import Parcel, Reach
 from server.policy import Policy
+from server.quadkey import merged
 from server.repository import Answered, ReportName, Repository
 from server.working_set import WorkingSet
 
@@ -29,25 +30,38 @@ Outcomes = list[Outcome | Exception]
 
 async def decide_together(database: Database, parcels: Sequence[Parcel], policy: Policy) -> Outcomes:
     """Decide reports in order and commit what they change; it has committed when this returns."""
-    reports = [parcel.opened(item, policy) for item in parcels]
-    # Only what can change something locks: at a pole the area of a report is a whole row of tiles.
-    areas = [
-        parcel.area(item.message, policy)
-        for item, report in zip(parcels, reports, strict=True)
-        if not isinstance(report, str)
-    ]
+    opened = [_opened(item, policy) for item in parcels]
     async with database.write() as connection:
         repository = Repository(connection, policy.life)
-        held = await repository.hold(number for area in areas for number in quadkey.tiles(*area))
+        held = await repository.hold(number for item in opened for number in item.reach.tiles)
         known = await repository.answered(item.name for item in parcels)
-        changes = await repository.working_set(held, areas, (item.witness for item in parcels))
+        ranges = merged(span for item in opened for span in item.reach.ranges)
+        changes = await repository.working_set(held, ranges, (item.witness for item in parcels))
         group = _Group(changes, known, policy)
-        outcomes = [group.decided(item, report) for item, report in zip(parcels, reports, strict=True)]
+        outcomes = [group.decided(item) for item in opened]
         await writing.log(connection, group.lines)
         # A group without a new line (repetitions, rejections) leaves nothing to be ordered by.
         if group.lines:
             await writing.write(connection, changes, policy.life, parcels[-1].received_at)
     return outcomes
+
+
+@dataclass(frozen=True, slots=True)
+class _Opened:
+    """A parcel with its report, or why that is rejected as a whole."""
+
+    parcel: Parcel
+    report: rules.Report | str
+    reach: Reach
+
+
+def _opened(item: Parcel, policy: Policy) -> _Opened:
+    report = parcel.opened(item, policy)
+    # Only what can change something locks: at a pole the reach of a report is a whole row of tiles.
+    return _Opened(item, report, _NOWHERE if isinstance(report, str) else parcel.reach(item.message, policy))
+
+
+_NOWHERE = Reach((), ())
 
 
 class _Group:
@@ -57,35 +71,32 @@ class _Group:
         self._changes, self._known, self._policy = changes, known, policy
         self.lines: list[writing.LoggedReport] = []
 
-    def decided(self, item: Parcel, report: rules.Report | str) -> Outcome | Exception:
+    def decided(self, opened: _Opened) -> Outcome | Exception:
         """Decide one report; what fails in it must not fail the others."""
+        item, report = opened.parcel, opened.report
         if earlier := self._known.get(item.name):
             return Outcome(_answered_before(item, earlier))
         if isinstance(report, str):
             return Outcome(answers.refused(item.message, ReportStatus.REJECTED, report))
         try:
-            nearby = self._changes.nearby(*parcel.area(item.message, self._policy))
+            nearby = self._changes.nearby(opened.reach.ranges)
             decisions = rules.decide(report, nearby, item.received_at, self._policy)
             result = answers.accepted(item.message, decisions)
         except Exception as error:  # one report's failure is answered as such, and only to its sender
             return error
-        return Outcome(result, self._taken(item, report, decisions, result))
+        self._log(opened, report, result)
+        return Outcome(result, self._taken(decisions))
 
-    def _taken(
-        self, item: Parcel, report: rules.Report, decisions: list[rules.Decision], result: ReportResult
-    ) -> tuple[ObstacleEvent, ...]:
+    def _taken(self, decisions: list[rules.Decision]) -> tuple[ObstacleEvent, ...]:
         after = {decision.obstacle.id: decision.obstacle for decision in decisions if decision.obstacle is not None}
         events = [self._changes.put(obstacle) for obstacle in after.values()]
-        line = self._line(item, report, result)
-        self.lines.append(line)
-        self._known[item.name] = Answered(line.body_sha256, line.answer)
         return tuple(event for event in events if event is not None)
 
-    def _line(self, item: Parcel, report: rules.Report, result: ReportResult) -> writing.LoggedReport:
-        around = quadkey.tiles(*parcel.area(item.message, self._policy))
-        for number in around:
+    def _log(self, opened: _Opened, report: rules.Report, result: ReportResult) -> None:
+        item = opened.parcel
+        for number in opened.reach.tiles:
             self._changes.tiles[number].lock_seq += 1
-        return writing.LoggedReport(
+        line = writing.LoggedReport(
             key_id=item.key_id,
             report_id=item.message.report_id,
             body_sha256=item.body_sha256,
@@ -94,8 +105,10 @@ class _Group:
             received_at=item.received_at,
             body=item.body,
             answer=result.model_dump_json(),
-            tiles={number: self._changes.tiles[number].lock_seq for number in around},
+            tiles={number: self._changes.tiles[number].lock_seq for number in opened.reach.tiles},
         )
+        self.lines.append(line)
+        self._known[item.name] = Answered(line.body_sha256, line.answer)
 
 
 def _answered_before(item: Parcel, earlier: Answered) -> ReportResult:

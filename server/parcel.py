@@ -8,11 +8,11 @@ from dataclasses import dataclass
 from datetime import datetime
 from uuid import UUID
 
-from contract.geometry import LatLon
 from contract.observation import ObservationReport
 from server import rules
 from server.plausibility import clock_correction, report_rejection
 from server.policy import Policy
+from server.quadkey import Ranges, cover, tiles
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,9 +48,18 @@ def opened(parcel: Parcel, policy: Policy) -> rules.Report | str:
     return rules.Report(parcel.message, parcel.received_at - age, parcel.key_id, parcel.witness)
 
 
-def area(message: ObservationReport, policy: Policy) -> tuple[LatLon, float]:
-    """Centre and radius (m) of all that a report could match: what it saw, the gate, and an obstacle's drift."""
+@dataclass(frozen=True, slots=True)
+class Reach:
+    """All that a report could match, as tiles to lock and as ranges of cells to read."""
+
+    tiles: tuple[int, ...]
+    ranges: Ranges
+
+
+def reach(message: ObservationReport, policy: Policy) -> Reach:
+    """What lies within what the report saw, the gate, and an obstacle's drift."""
     limits = policy.plausibility
     seen_m = max((math.hypot(item.east_m, item.north_m) for item in message.detections), default=0.0)
     reach_m = limits.reach_m if message.inspections else min(seen_m, limits.reach_m)
-    return message.origin.position, reach_m + policy.gate_m + policy.matching.greatest_drift_m
+    radius_m = reach_m + policy.gate_m + policy.matching.greatest_drift_m
+    return Reach(tiles(message.origin.position, radius_m), cover(message.origin.position, radius_m))

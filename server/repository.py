@@ -5,10 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from datetime import datetime
-from typing import TypeVar
 from uuid import UUID
 
-from sqlalchemy import ColumnElement, RowMapping, and_, or_, select, text, tuple_
+from sqlalchemy import ColumnElement, RowMapping, and_, or_, select, text
 from sqlalchemy.dialects import postgresql, sqlite
 from sqlalchemy.ext.asyncio import AsyncConnection
 from sqlalchemy.sql.dml import Insert
@@ -19,12 +18,11 @@ from server import rows, tables
 from server.identity import shard_of_id
 from server.obstacle import Obstacle
 from server.policy import Life
-from server.quadkey import Ranges, cover, merged, shard_of_tile
-from server.working_set import Evidence, Tile, WorkingSet, with_evidence
+from server.quadkey import Ranges, cover, shard_of_tile
+from server.statements import answers_to, evidence_in, numbered, obstacles_in, padded, range_values, tiles_for_update
+from server.working_set import Tile, WorkingSet, with_evidence
 
-Area = tuple[LatLon, float]
 ReportName = tuple[str, UUID]
-T = TypeVar("T")
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,14 +54,22 @@ class Repository:
             held = await self._held(wanted)
         return held
 
-    async def working_set(self, held: dict[int, Tile], areas: Sequence[Area], witnesses: Iterable[str]) -> WorkingSet:
-        """All obstacles in the cells of circles, removed ones too, with the evidence that decisions may need."""
-        ranges = merged(span for centre, radius_m in areas for span in cover(centre, radius_m))
+    async def working_set(self, held: dict[int, Tile], ranges: Ranges, witnesses: Iterable[str]) -> WorkingSet:
+        """All obstacles in ranges of cells, removed ones too, with the evidence that decisions may need."""
         if not ranges:
             return WorkingSet(held, (), {}, self._life)
-        found = [rows.obstacle_of(row) for row in await self._obstacle_rows(_in_cells(ranges))]
-        evidence = await self._evidence(ranges, sorted(set(witnesses))) if found else {}
-        return WorkingSet(held, with_evidence(found, evidence), evidence, self._life)
+        ranges = padded(ranges)
+        here = range_values(ranges)
+        found = (await self._connection.execute(obstacles_in(len(ranges)), here)).mappings().all()
+        if not found:
+            return WorkingSet(held, (), {}, self._life)
+        names = padded(sorted(set(witnesses)))
+        query, values = evidence_in(len(ranges), len(names)), here | numbered("name", names)
+        evidence = {
+            (row["obstacle_id"], row["name"]): rows.witness_of(row)
+            for row in (await self._connection.execute(query, values)).mappings()
+        }
+        return WorkingSet(held, with_evidence(map(rows.obstacle_of, found), evidence), evidence, self._life)
 
     async def near(self, centre: LatLon, radius_m: float, now: datetime) -> tuple[Obstacle, ...]:
         """Live obstacles in the cells of a circle (a little more than the circle) that have not expired."""
@@ -80,14 +86,11 @@ class Repository:
 
     async def answered(self, names: Iterable[ReportName]) -> dict[ReportName, Answered]:
         """What was answered before, by the reports' names."""
-        table = tables.report
         wanted = padded(sorted(set(names)))
         if not wanted:
             return {}
-        query = select(table.c.key_id, table.c.report_id, table.c.body_sha256, table.c.answer).where(
-            tuple_(table.c.key_id, table.c.report_id).in_(wanted)
-        )
-        found = await self._connection.execute(query)
+        values = numbered("key", [key for key, _ in wanted]) | numbered("report", [report for _, report in wanted])
+        found = await self._connection.execute(answers_to(len(wanted)), values)
         return {(row.key_id, row.report_id): Answered(row.body_sha256, row.answer) for row in found}
 
     async def secret(self, name: str, fresh: str) -> str:
@@ -99,31 +102,14 @@ class Repository:
     async def _held(self, tiles: list[int]) -> dict[int, Tile]:
         if not tiles:
             return {}
-        table = tables.tile
-        shards = sorted({shard_of_tile(number) for number in tiles})
-        query = (
-            select(table.c.tile, table.c.version, table.c.lock_seq)
-            .where(table.c.shard.in_(padded(shards)), table.c.tile.in_(padded(tiles)))
-            .order_by(table.c.shard, table.c.tile)
-            .with_for_update()
-        )
-        return {row.tile: Tile(row.version, row.lock_seq) for row in await self._connection.execute(query)}
+        wanted = padded(tiles)
+        values = numbered("shard", [shard_of_tile(number) for number in wanted]) | numbered("tile", wanted)
+        found = await self._connection.execute(tiles_for_update(len(wanted)), values)
+        return {row.tile: Tile(row.version, row.lock_seq) for row in found}
 
     async def _obstacle_rows(self, *conditions: ColumnElement[bool]) -> Sequence[RowMapping]:
         query = select(tables.obstacle).where(*conditions).order_by(tables.obstacle.c.id)
         return (await self._connection.execute(query)).mappings().all()
-
-    async def _evidence(self, ranges: Ranges, names: list[str]) -> Evidence:
-        """Evidence of the named witnesses, and all since an obstacle's first open absence."""
-        obstacle, witness = tables.obstacle, tables.witness
-        query = (
-            select(witness)
-            .join(obstacle, and_(obstacle.c.shard == witness.c.shard, obstacle.c.id == witness.c.obstacle_id))
-            .where(_in_cells(ranges))
-            .where(or_(witness.c.name.in_(padded(names)), witness.c.latest_at >= obstacle.c.absent_since))
-        )
-        found = (await self._connection.execute(query)).mappings()
-        return {(row["obstacle_id"], row["name"]): rows.witness_of(row) for row in found}
 
     def _insert_if_missing(self, name: str) -> Insert:
         table = tables.metadata.tables[name]
@@ -132,14 +118,6 @@ class Repository:
         return postgresql.insert(table).on_conflict_do_nothing()
 
 
-def padded(values: Sequence[T]) -> list[T]:
-    """Values repeated up to a power of two: lists of any length make only a few different statements to prepare."""
-    if not values:
-        return []
-    size = 1 << (len(values) - 1).bit_length()
-    return [*values, *[values[-1]] * (size - len(values))]
-
-
 def _in_cells(ranges: Ranges) -> ColumnElement[bool]:
     cell = tables.obstacle.c.cell
-    return or_(*(cell.between(low, high) for low, high in padded(ranges)))
+    return or_(*(cell.between(low, high) for low, high in ranges))

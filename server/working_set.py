@@ -11,11 +11,10 @@ from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from uuid import UUID
 
-from contract.geometry import LatLon
 from server.features import ObstacleEvent, event_of
 from server.obstacle import Obstacle, Witness
 from server.policy import Life
-from server.quadkey import cell_of, cover, tile_of_cell
+from server.quadkey import Ranges, cell_of, tile_of_cell
 
 Evidence = dict[tuple[UUID, str], Witness]
 
@@ -67,10 +66,10 @@ class WorkingSet:
         """Obstacles to update."""
         return [self._current[identifier] for identifier in self._touched if identifier in self._read]
 
-    def nearby(self, centre: LatLon, radius_m: float) -> tuple[Obstacle, ...]:
-        """All obstacles in the cells of a circle, removed ones too, by id."""
+    def nearby(self, ranges: Ranges) -> tuple[Obstacle, ...]:
+        """All obstacles in ranges of cells, removed ones too, by id."""
         inside = []
-        for low, high in cover(centre, radius_m):
+        for low, high in ranges:
             first = bisect_left(self._places, low, key=_cell)
             last = bisect_right(self._places, high, key=_cell)
             inside += [identifier for _, identifier in self._places[first:last]]

@@ -1,0 +1,85 @@
+"""The statements of every report, made once for each number of parameters.
+
+Building a statement and its cache key takes SQLAlchemy longer than the database needs to answer it. The numbers of
+parameters are powers of two (`padded`), so that there are few statements to make and to prepare.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import lru_cache
+from typing import Any, TypeVar
+
+from sqlalchemy import ColumnElement, Select, and_, bindparam, or_, select, tuple_
+
+from server import tables
+from server.quadkey import Ranges
+
+T = TypeVar("T")
+
+
+def padded(values: Sequence[T]) -> tuple[T, ...]:
+    """Values repeated up to a power of two."""
+    if not values:
+        return ()
+    size = 1 << (len(values) - 1).bit_length()
+    return (*values, *[values[-1]] * (size - len(values)))
+
+
+@lru_cache
+def obstacles_in(spans: int) -> Select[Any]:
+    """Obstacles in that many ranges of cells (parameters of `range_values`), by id."""
+    return select(tables.obstacle).where(_in_cells(spans)).order_by(tables.obstacle.c.id)
+
+
+@lru_cache
+def evidence_in(spans: int, names: int) -> Select[Any]:
+    """Evidence about the obstacles in ranges: of the named witnesses, and all since the first open absence."""
+    obstacle, witness = tables.obstacle, tables.witness
+    named = witness.c.name.in_([bindparam(f"name{number}") for number in range(names)])
+    return (
+        select(witness)
+        .join(obstacle, and_(obstacle.c.shard == witness.c.shard, obstacle.c.id == witness.c.obstacle_id))
+        .where(_in_cells(spans), or_(named, witness.c.latest_at >= obstacle.c.absent_since))
+    )
+
+
+@lru_cache
+def tiles_for_update(tiles: int) -> Select[Any]:
+    """Rows of that many tiles (`tile0`... with `shard0`...), locked in ascending order."""
+    table = tables.tile
+    key = tuple_(table.c.shard, table.c.tile)
+    wanted = [tuple_(bindparam(f"shard{number}"), bindparam(f"tile{number}")) for number in range(tiles)]
+    return (
+        select(table.c.tile, table.c.version, table.c.lock_seq)
+        .where(key.in_(wanted))
+        .order_by(table.c.shard, table.c.tile)
+        .with_for_update()
+    )
+
+
+@lru_cache
+def answers_to(reports: int) -> Select[Any]:
+    """What was answered to that many reports (`key0`... with `report0`...)."""
+    table = tables.report
+    wanted = [tuple_(bindparam(f"key{number}"), bindparam(f"report{number}")) for number in range(reports)]
+    return select(table.c.key_id, table.c.report_id, table.c.body_sha256, table.c.answer).where(
+        tuple_(table.c.key_id, table.c.report_id).in_(wanted)
+    )
+
+
+def range_values(ranges: Ranges) -> dict[str, int]:
+    """Parameters of ranges of cells."""
+    return {f"low{number}": low for number, (low, _) in enumerate(ranges)} | {
+        f"high{number}": high for number, (_, high) in enumerate(ranges)
+    }
+
+
+def numbered(name: str, values: Sequence[Any]) -> dict[str, Any]:
+    """Parameters `name0`, `name1`, ..."""
+    return {f"{name}{number}": value for number, value in enumerate(values)}
+
+
+def _in_cells(spans: int) -> ColumnElement[bool]:
+    cell = tables.obstacle.c.cell
+    return or_(*(cell.between(bindparam(f"low{number}"), bindparam(f"high{number}")) for number in range(spans)))
