@@ -7,8 +7,8 @@ import math
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 
+from detector.neighbours import find_neighbourhoods
 from detector.threads import in_chunks
 from detector.types import Float32Array, FloatArray
 
@@ -65,7 +65,8 @@ def absolute_saliency(points_m: FloatArray) -> float:
     """Saliency of a few points (N, 3) taken as one neighbourhood of the normals of its local planes."""
     if len(points_m) < NEIGHBOURS:
         return 1.0
-    _, neighbours = cKDTree(points_m).query(points_m, k=NEIGHBOURS)
-    offsets = points_m[neighbours] - points_m[neighbours].mean(axis=1, keepdims=True)
+    cloud = find_neighbourhoods(points_m, NEIGHBOURS)
+    around = cloud.points[cloud.nearest].astype(np.float64)
+    offsets = around - around.mean(axis=1, keepdims=True)
     _, vectors = np.linalg.eigh(np.einsum("nki,nkj->nij", offsets, offsets))
     return float(absolute_scale(vectors[None, :, :, 0])[0])

@@ -70,7 +70,9 @@ def measure_spacing(xy_m: FloatArray) -> float:
     """Distance in metres between neighbours of points (N, 2): the root of the area of one, where they are usual.
 
     From the median number of points in coarse cells, so neither gaps nor crowded walls count; 0 where all coincide.
+    Points that coincide count once: two copies of a scan are no denser than one.
     """
+    xy_m = _distinct(xy_m)
     low, high = xy_m.min(axis=0), xy_m.max(axis=0)
     span = np.maximum(high - low, 1e-9 * max(float((high - low).max()), 1e-300))
     spacing = math.sqrt(float(span[0] * span[1]) / len(xy_m))
@@ -84,6 +86,13 @@ def measure_spacing(xy_m: FloatArray) -> float:
         usual = float(np.median(np.repeat(counts, counts)))
         spacing = cell / math.sqrt(usual)
     return spacing
+
+
+def _distinct(xy_m: FloatArray) -> FloatArray:
+    """Places (M, 2), each once."""
+    order = np.lexsort((xy_m[:, 1], xy_m[:, 0]))
+    ordered = xy_m[order]
+    return np.asarray(ordered[np.append(True, (np.diff(ordered, axis=0) != 0.0).any(axis=1))])
 
 
 def make_grid(xy_m: FloatArray, cell_m: float) -> Grid:

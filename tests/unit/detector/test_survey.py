@@ -84,6 +84,14 @@ def test_volume_does_not_depend_on_how_densely_the_hole_was_measured() -> None:
     assert survey(thinned).obstacles[0].volume_m3 == pytest.approx(survey(points).obstacles[0].volume_m3, rel=0.03)
 
 
+def test_a_scan_whose_points_are_all_there_three_times_shows_the_same_hole() -> None:
+    points = bowl(road())
+    once, thrice = survey(points).obstacles, survey(np.repeat(points, 3, axis=0)).obstacles
+    assert [(o.kind, round(o.length_m, 6), round(o.volume_m3, 9)) for o in thrice] == [
+        (o.kind, round(o.length_m, 6), round(o.volume_m3, 9)) for o in once
+    ]
+
+
 def test_a_tilted_survey_is_levelled() -> None:
     points = bowl(road())
     tilt = math.radians(20.0)

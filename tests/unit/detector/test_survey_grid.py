@@ -24,6 +24,12 @@ def test_a_gap_does_not_change_the_spacing() -> None:
     assert measure_spacing(xy[(xy[:, 0] < 0.5) | (xy[:, 0] > 1.5)]) == pytest.approx(0.02, rel=0.1)
 
 
+@pytest.mark.parametrize("copies", [2, 3, 10])
+def test_copies_of_points_do_not_change_the_spacing(copies: int) -> None:
+    xy = np.random.default_rng(1).uniform(0.0, 2.0, (10_000, 2))
+    assert measure_spacing(np.repeat(xy, copies, axis=0)) == measure_spacing(xy)
+
+
 def test_points_that_coincide_have_no_spacing() -> None:
     assert measure_spacing(np.ones((10, 2))) < 1e-6
 
