@@ -4,6 +4,7 @@ import json
 import shutil
 from collections import Counter, namedtuple
 from pathlib import Path
+from typing import Any
 
 import pytest
 from hypothesis import given
@@ -30,8 +31,8 @@ def run(*arguments: str | Path | float) -> tuple[int, str]:
     return result.exit_code, result.output
 
 
-def plans(count: int, first_seed: int = 1, **options: object) -> list[RecordingPlan]:
-    plan = DriveOptions(**{"egos": 2, "images": False, **options}).planner()  # type: ignore[arg-type]
+def plans(count: int, first_seed: int = 1, **options: Any) -> list[RecordingPlan]:
+    plan = DriveOptions(**{"egos": 2, "images": False, **options}).planner()
     return [plan(seed) for seed in range(first_seed, first_seed + count)]
 
 
@@ -88,10 +89,10 @@ def test_a_recording_of_the_same_options_is_there_and_an_unfinished_one_is_not(t
     ],
 )
 def test_a_recording_of_other_options_is_an_error_that_says_which(
-    tmp_path: Path, options: dict[str, object], said: str
+    tmp_path: Path, options: dict[str, Any], said: str
 ) -> None:
     make(planned(tmp_path, plans(1))[0])
-    (other,) = planned(tmp_path, plans(1, **options))  # type: ignore[arg-type]
+    (other,) = planned(tmp_path, plans(1, **options))
     with pytest.raises(DatasetError, match="was made with other options") as raised:
         _ = other.is_there
     assert said in str(raised.value)
