@@ -39,6 +39,9 @@ class InspectionState(StrEnum):
     NOT_AN_ISSUE = "not_an_issue"
 
 
+RemovalReason = Literal["absent", "merged", "expired", "operator"]
+
+
 class ObstacleProperties(Message):
     """What is known of an obstacle. `version` counts shapes, `revision` every change of a served field."""
 
@@ -62,6 +65,7 @@ class ObstacleProperties(Message):
     witnesses: Annotated[int, Field(ge=1)]
     succeeds: UUID | None = None
     merged_into: UUID | None = None
+    removed_reason: RemovalReason | None = None
     inspection_state: InspectionState = InspectionState.OPEN
 
 
@@ -79,8 +83,41 @@ class ObstacleFeature(Message):
         return self.geometry.position
 
 
+class Link(Message):
+    """A related resource (RFC 8288). `href` is relative to the server unless the resource says otherwise."""
+
+    rel: str
+    href: str
+    type: str | None = None
+
+
 class ObstacleCollection(Message):
-    """Obstacles near a place, nearest first."""
+    """A page of obstacles: nearest first around a place, by id in a box. A link `next` when there is more."""
 
     type: Literal["FeatureCollection"] = "FeatureCollection"
     features: tuple[ObstacleFeature, ...]
+    links: tuple[Link, ...] = ()
+
+
+class MultiPointGeometry(Message):
+    """GeoJSON points: longitude, latitude in degrees, ellipsoidal height in metres (WGS 84)."""
+
+    type: Literal["MultiPoint"] = "MultiPoint"
+    coordinates: tuple[tuple[float, float, float], ...]
+
+
+class PointsProperties(Message):
+    """Which version the points show; `observed_at` is when they were measured."""
+
+    kind: Kind
+    version: Annotated[int, Field(ge=1)]
+    observed_at: UtcDatetime
+
+
+class ObstaclePoints(Message):
+    """The voxel-thinned points of one version of an obstacle, about the place where it is known to be now."""
+
+    type: Literal["Feature"] = "Feature"
+    id: UUID
+    geometry: MultiPointGeometry
+    properties: PointsProperties

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import logging
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from http import HTTPStatus
 from typing import Any
@@ -23,6 +23,30 @@ class ServiceError(Exception):
 
 class ObstacleNotFoundError(ServiceError):
     """No obstacle ever had this id."""
+
+
+class VersionNotFoundError(ServiceError):
+    """The obstacle never had this version, or its shape was deleted."""
+
+
+class InvalidParameterError(ServiceError):
+    """A parameter of the OGC API that is unknown or does not fit (part 1, 7.15: status 400)."""
+
+
+class ObstacleRemovedError(ServiceError):
+    """The obstacle is gone, and the action needs a live one."""
+
+
+class RevisionMismatchError(ServiceError):
+    """The obstacle has changed since the caller read it (`If-Match`)."""
+
+
+class NotAcceptableError(ServiceError):
+    """No format that the caller accepts."""
+
+
+class UnsupportedMediaTypeError(ServiceError):
+    """The body is not JSON."""
 
 
 class UnauthenticatedError(ServiceError):
@@ -58,6 +82,12 @@ class _Problem:
 
 _PROBLEMS: dict[type[ServiceError], _Problem] = {
     ObstacleNotFoundError: _Problem("obstacle-not-found", HTTPStatus.NOT_FOUND, {}),
+    VersionNotFoundError: _Problem("version-not-found", HTTPStatus.NOT_FOUND, {}),
+    InvalidParameterError: _Problem("invalid-parameter", HTTPStatus.BAD_REQUEST, {}),
+    ObstacleRemovedError: _Problem("obstacle-removed", HTTPStatus.CONFLICT, {}),
+    RevisionMismatchError: _Problem("revision-mismatch", HTTPStatus.PRECONDITION_FAILED, {}),
+    NotAcceptableError: _Problem("not-acceptable", HTTPStatus.NOT_ACCEPTABLE, {}),
+    UnsupportedMediaTypeError: _Problem("unsupported-media-type", HTTPStatus.UNSUPPORTED_MEDIA_TYPE, {}),
     UnauthenticatedError: _Problem("unauthenticated", HTTPStatus.UNAUTHORIZED, {"WWW-Authenticate": "Bearer"}),
     ForbiddenError: _Problem("forbidden", HTTPStatus.FORBIDDEN, {}),
     BodyTooLargeError: _Problem("body-too-large", HTTPStatus.REQUEST_ENTITY_TOO_LARGE, {}),
@@ -82,6 +112,21 @@ def problem_of(error: ServiceError) -> Response:
     return problem(known.type, known.status, str(error), known.headers)
 
 
+def complaints(error: RequestValidationError) -> list[dict[str, str]]:
+    """Where a request does not fit its schema, and how.
+
+    Neither the input nor the exception's context: they may be huge, not a number, or secret.
+    """
+    # Of an optional parameter it is also complained that it is not missing.
+    found = [item for item in error.errors() if item["type"] != "none_required"][:20]
+    return [{"where": _place(item["loc"]), "what": str(item["msg"])[:500]} for item in found]
+
+
+def _place(location: Sequence[int | str]) -> str:
+    # Alternatives of a type are named as `constrained-float`: no part of the path that the caller wrote.
+    return ".".join(str(part) for part in location if not str(part).startswith(("constrained-", "function-")))[:200]
+
+
 def install(app: FastAPI) -> None:
     """Answer every error of the application as a problem."""
 
@@ -91,11 +136,7 @@ def install(app: FastAPI) -> None:
 
     async def invalid(_request: Request, error: Exception) -> Response:
         assert isinstance(error, RequestValidationError)  # noqa: S101  # registered for that type below
-        # Neither the input nor the exception's context: they may be huge, not a number, or secret.
-        errors = [
-            {"where": ".".join(map(str, item["loc"]))[:200], "what": str(item["msg"])[:500]}
-            for item in error.errors()[:20]
-        ]
+        errors = complaints(error)
         return problem("invalid", HTTPStatus.UNPROCESSABLE_ENTITY, "the request does not fit the schema", errors=errors)
 
     async def http_error(_request: Request, error: Exception) -> Response:

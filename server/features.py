@@ -47,6 +47,7 @@ def feature_of(obstacle: Obstacle, life: Life) -> ObstacleFeature:
         witnesses=obstacle.witness_count,
         succeeds=obstacle.succeeds,
         merged_into=obstacle.merged_into,
+        removed_reason=obstacle.removed_reason,
         inspection_state=obstacle.inspection_state,
     )
     return ObstacleFeature(id=obstacle.id, geometry=PointGeometry.at(obstacle.place.position), properties=properties)

@@ -1,0 +1,1 @@
+"""Obstacles in the formats of other systems: one file a format, all pure."""

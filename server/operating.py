@@ -1,0 +1,68 @@
+"""What an operator's action makes of an obstacle. Pure: the obstacle, the action and the time in, the new value out."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from datetime import datetime
+from typing import Literal
+
+from contract.history import Confirm, Dismiss, Inspect, OperatorAction, Repaired, Standing
+from contract.observation import Descriptor, State
+from contract.obstacle import InspectionState
+from server.errors import ObstacleRemovedError
+from server.obstacle import Obstacle, Shape
+
+ERASED = Descriptor(name="erased", version=1, values={})
+"""Stands for a descriptor that was deleted for privacy."""
+
+Deed = OperatorAction | Literal["delete"]
+
+
+def decide(obstacle: Obstacle, deed: Deed, now: datetime) -> Obstacle:
+    """The obstacle after the action; the very same value when the action changes nothing.
+
+    Raises `ObstacleRemovedError` when a removed obstacle is to be confirmed.
+    """
+    after = _after(obstacle, deed, now)
+    return obstacle if after == obstacle else replace(after, revision=obstacle.revision + 1)
+
+
+def erased(shape: Shape) -> Shape:
+    """A shape without what was measured point by point."""
+    return replace(shape, points_cm=(), descriptor=ERASED)
+
+
+def standing(obstacle: Obstacle) -> Standing:
+    """What the audit log says of an obstacle before and after."""
+    return Standing(state=obstacle.state, inspection_state=obstacle.inspection_state, revision=obstacle.revision)
+
+
+def _after(obstacle: Obstacle, deed: Deed, now: datetime) -> Obstacle:
+    match deed:
+        case Confirm():
+            return _confirmed(obstacle)
+        case Dismiss():
+            return replace(_removed(obstacle, now), inspection_state=InspectionState.NOT_AN_ISSUE)
+        case Repaired():
+            return replace(_removed(obstacle, now), inspection_state=InspectionState.REPAIRED)
+        case Inspect(inspection_state=inspection_state):
+            return replace(obstacle, inspection_state=inspection_state)
+        case "delete":
+            return replace(_removed(obstacle, now), shape=erased(obstacle.shape))
+
+
+def _confirmed(obstacle: Obstacle) -> Obstacle:
+    if not obstacle.is_live:
+        raise ObstacleRemovedError("the obstacle was removed and does not come back; a new sighting makes a new one")
+    seen = obstacle.inspection_state is InspectionState.OPEN
+    return replace(
+        obstacle,
+        state=State.CONFIRMED,
+        inspection_state=InspectionState.INSPECTED if seen else obstacle.inspection_state,
+    )
+
+
+def _removed(obstacle: Obstacle, now: datetime) -> Obstacle:
+    if not obstacle.is_live:
+        return obstacle
+    return replace(obstacle, state=State.REMOVED, removed_at=now, removed_reason="operator")

@@ -1,0 +1,64 @@
+"""Answers that a client may keep: entity tags, 304, gzip, and the links to further pages."""
+
+from __future__ import annotations
+
+import gzip
+from collections.abc import Sequence
+from typing import Any
+from urllib.parse import urlencode
+
+from fastapi import Request, Response
+
+from contract.obstacle import Link
+
+# Below this a packet is sent anyway, and the header of gzip eats the gain.
+_LEAST_GZIP_BYTES = 1_024
+# Level 5 saves within 3 % of what level 9 does, at a third of its time.
+_GZIP_LEVEL = 5
+TAGGED = {"ETag": {"description": "for If-None-Match", "schema": {"type": "string"}}}
+UNCHANGED: dict[str, Any] = {"description": "what the caller has (`If-None-Match`) is current", "headers": TAGGED}
+
+
+def answer(request: Request, body: bytes, media_type: str, tag: str, links: Sequence[Link] = ()) -> Response:
+    """A body with its entity tag and links; 304 when the caller has it, compressed when that is asked for and pays."""
+    if holds(request, tag):
+        return unchanged(tag, links)
+    headers = _headers(tag, links)
+    # A strong tag promises the same bytes, which a compressed body is not.
+    if tag.startswith("W/") and len(body) > _LEAST_GZIP_BYTES and _takes_gzip(request):
+        body = gzip.compress(body, _GZIP_LEVEL, mtime=0)
+        headers["Content-Encoding"] = "gzip"
+    return Response(body, media_type=media_type, headers=headers)
+
+
+def unchanged(tag: str, links: Sequence[Link] = ()) -> Response:
+    """What the caller holds is current."""
+    return Response(status_code=304, headers=_headers(tag, links))
+
+
+def holds(request: Request, tag: str) -> bool:
+    """Whether `If-None-Match` names the tag, by weak comparison (RFC 9110, 13.1.2)."""
+    header = request.headers.get("if-none-match", "")
+    return header.strip() == "*" or _opaque(tag) in [_opaque(item.strip()) for item in header.split(",")]
+
+
+def next_link(request: Request, cursor: str, media_type: str) -> Link:
+    """The link to the page that begins at `cursor`: the same request otherwise, relative to the server."""
+    query = [(name, value) for name, value in request.query_params.multi_items() if name != "cursor"]
+    return Link(rel="next", href=f"{request.scope['path']}?{urlencode([*query, ('cursor', cursor)])}", type=media_type)
+
+
+def _headers(tag: str, links: Sequence[Link]) -> dict[str, str]:
+    headers = {"ETag": tag, "Cache-Control": "no-cache", "Vary": "Accept, Accept-Encoding, Authorization"}
+    if links:
+        headers["Link"] = ", ".join(f'<{link.href}>; rel="{link.rel}"; type="{link.type}"' for link in links)
+    return headers
+
+
+def _takes_gzip(request: Request) -> bool:
+    accepted = request.headers.get("accept-encoding", "").lower().replace(" ", "").split(",")
+    return "gzip" in accepted or any(item.startswith("gzip;q=") and item[7:] not in ("0", "0.0") for item in accepted)
+
+
+def _opaque(tag: str) -> str:
+    return tag.removeprefix("W/")

@@ -1,0 +1,121 @@
+"""The SQL of searching readers: a page of a circle by distance, of a box by id. No OFFSET, no count unless asked."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from datetime import datetime, timedelta
+from itertools import islice
+from uuid import UUID
+
+import numpy as np
+from sqlalchemy import ColumnElement, and_, func, or_, select, tuple_
+from sqlalchemy.ext.asyncio import AsyncConnection
+
+from contract.geometry import Kind
+from contract.observation import State
+from server import rows, tables
+from server.around import Circle, Key, nearest
+from server.bounds import Bounds
+from server.identity import shard_of_id
+from server.obstacle import Obstacle
+from server.policy import Life
+from server.quadkey import Ranges, cover
+from server.query import Filters
+
+_TABLE = tables.obstacle
+
+
+@dataclass(frozen=True, slots=True)
+class Page:
+    """Obstacles in order, and the last one's key when more follow."""
+
+    obstacles: tuple[Obstacle, ...]
+    more_behind: Key | None = None
+
+
+class Search:
+    """Searches within one read transaction; `now` decides what has expired and how far confidence has decayed."""
+
+    def __init__(self, connection: AsyncConnection, life: Life, now: datetime) -> None:
+        self._connection, self._life, self._now = connection, life, now
+
+    async def around(self, circle: Circle, filters: Filters, after: Key | None, limit: int) -> Page:
+        """A page of a circle by distance and id. Places are read first, whole obstacles only of the page."""
+        inside = and_(_in_cells(cover(circle.centre, circle.radius_m)), *self._conditions(filters))
+        query = select(_TABLE.c.id, _TABLE.c.latitude_deg, _TABLE.c.longitude_deg).where(inside).order_by(_TABLE.c.id)
+        found = (await self._connection.execute(query)).all()
+        places_deg = np.array([(row.latitude_deg, row.longitude_deg) for row in found], dtype=np.float64).reshape(-1, 2)
+        keys = list(islice(nearest(circle, [row.id for row in found], places_deg, after), limit + 1))
+        obstacles = await self._whole([key.id for key in keys[:limit]])
+        return Page(obstacles, keys[limit - 1] if len(keys) > limit else None)
+
+    async def inside(self, bounds: Bounds, filters: Filters, after: Key | None, limit: int) -> Page:
+        """A page of a box by id: by the shard in it, then the whole id, which is the primary key's order."""
+        key = tuple_(_TABLE.c.shard, _TABLE.c.id)
+        query = select(_TABLE).where(_within(bounds), *self._conditions(filters))
+        if after is not None:
+            query = query.where(key > (shard_of_id(after.id), after.id))
+        query = query.order_by(_TABLE.c.shard, _TABLE.c.id).limit(limit + 1)
+        found = (await self._connection.execute(query)).mappings().all()
+        obstacles = tuple(map(rows.obstacle_of, found[:limit]))
+        return Page(obstacles, Key(0.0, obstacles[-1].id) if len(found) > limit else None)
+
+    async def count(self, bounds: Bounds, filters: Filters) -> int:
+        """How many obstacles all pages of a box hold."""
+        query = select(func.count()).select_from(_TABLE).where(_within(bounds), *self._conditions(filters))
+        return int((await self._connection.execute(query)).scalar_one())
+
+    async def _whole(self, identifiers: Sequence[UUID]) -> tuple[Obstacle, ...]:
+        if not identifiers:
+            return ()
+        shards = sorted(set(map(shard_of_id, identifiers)))
+        query = select(_TABLE).where(_TABLE.c.shard.in_(shards), _TABLE.c.id.in_(identifiers))
+        found = {row["id"]: row for row in (await self._connection.execute(query)).mappings()}
+        return tuple(rows.obstacle_of(found[identifier]) for identifier in identifiers if identifier in found)
+
+    def _conditions(self, filters: Filters) -> list[ColumnElement[bool]]:
+        conditions = [self._in_state(filters.states)]
+        if filters.kinds:
+            conditions.append(_TABLE.c.kind.in_(sorted(kind.value for kind in filters.kinds)))
+        if filters.min_confidence > 0:
+            conditions.append(self._is_sure_enough(filters.min_confidence))
+        if filters.seen_since is not None:
+            conditions.append(_TABLE.c.last_seen >= filters.seen_since)
+        if filters.first_seen_until is not None:
+            conditions.append(_TABLE.c.first_seen <= filters.first_seen_until)
+        return conditions
+
+    def _in_state(self, states: frozenset[State] | None) -> ColumnElement[bool]:
+        if states is None:
+            return and_(_TABLE.c.state != State.REMOVED.value, _TABLE.c.expires_at > self._now)
+        live = sorted(state.value for state in states - {State.REMOVED})
+        is_live = and_(_TABLE.c.state.in_(live), _TABLE.c.expires_at > self._now)
+        return or_(is_live, _TABLE.c.state == State.REMOVED.value) if State.REMOVED in states else is_live
+
+    def _is_sure_enough(self, confidence: float) -> ColumnElement[bool]:
+        """Decayed confidence as a moment: it passes any value a fixed number of half-lives before `expires_at`."""
+        half_lives = math.log2(confidence / self._life.expired_confidence)
+        return or_(*(self._lasts(kind, half_lives * self._life.half_life_s[kind]) for kind in Kind))
+
+    def _lasts(self, kind: Kind, seconds: float) -> ColumnElement[bool]:
+        return and_(_TABLE.c.kind == kind.value, _TABLE.c.expires_at >= self._now + timedelta(seconds=seconds))
+
+
+def _within(bounds: Bounds) -> ColumnElement[bool]:
+    longitude = or_(*(_TABLE.c.longitude_deg.between(west, east) for west, east in bounds.longitude_spans))
+    conditions = [
+        _in_cells(bounds.cover()),
+        _TABLE.c.latitude_deg.between(bounds.south_deg, bounds.north_deg),
+        longitude,
+    ]
+    if math.isfinite(bounds.lowest_m):
+        conditions.append(_TABLE.c.altitude_m >= bounds.lowest_m)
+    if math.isfinite(bounds.highest_m):
+        conditions.append(_TABLE.c.altitude_m <= bounds.highest_m)
+    return and_(*conditions)
+
+
+def _in_cells(ranges: Ranges) -> ColumnElement[bool]:
+    return or_(*(_TABLE.c.cell.between(low, high) for low, high in ranges))
