@@ -65,7 +65,7 @@ async def _receive(socket: WebSocket, subscription: Subscription) -> None:
 async def _watch_key(keys: Keys, authorization: str | None) -> None:
     while True:
         await asyncio.sleep(_KEY_CHECK_INTERVAL_S)
-        await keys.caller(authorization)
+        await keys.looked_up(authorization)
 
 
 async def _close(socket: WebSocket, ended: asyncio.Task[None]) -> None:

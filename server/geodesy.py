@@ -56,6 +56,22 @@ def offset_from(origin: LatLon, east_m: float, north_m: float) -> LatLon:
     return _plane(origin).position_at(east_m, north_m)
 
 
+@lru_cache(maxsize=_REMEMBERED_PLANES)
+def metres_per_degree(latitude_deg: float) -> tuple[float, float, float]:
+    """The ellipsoid's metric about a latitude: metres north for a degree, metres east for a degree, and how much the
+    latter changes, at half a step northwards, for each degree north.
+
+    `hypot(north_scale * dlat, (east_scale + slope * dlat) * dlon)` is the geodesic to a few parts in a million at 2 km.
+    """
+    latitude_rad = math.radians(latitude_deg)
+    sine, cosine = math.sin(latitude_rad), math.cos(latitude_rad)
+    root = math.sqrt(1 - _E2 * sine * sine)
+    meridian_m, normal_m = _A_M * (1 - _E2) / root**3, _A_M / root
+    degree_rad = math.radians(1.0)
+    # d(N cos(lat)) / dlat = -M sin(lat): half of it, since a chord's east scale is that of its middle.
+    return meridian_m * degree_rad, normal_m * cosine * degree_rad, -meridian_m * sine * degree_rad**2 / 2
+
+
 class _Plane:
     """The tangent plane of the ellipsoid at an origin.
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import hmac
 import secrets
+import time
 from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
@@ -19,6 +20,10 @@ from server.errors import ForbiddenError, UnauthenticatedError
 from server.tables import api_key
 
 _OPEN, _BOOTSTRAP = "open", "bootstrap"
+# A revoked key is refused within the first; a server that was open asks for keys within the second.
+_KEY_BELIEVED_S, _OPEN_BELIEVED_S = 15.0, 1.0
+# Only valid keys are remembered; a fleet of this size fits.
+_REMEMBERED_HEADERS = 100_000
 
 
 class Role(StrEnum):
@@ -53,15 +58,34 @@ def witness_name(caller: Caller, pseudonym: str, secret: str) -> str:
     return hmac.new(secret.encode(), who.encode(), hashlib.sha256).hexdigest()[:32]
 
 
+@dataclass(frozen=True, slots=True)
+class _Remembered:
+    caller: Caller
+    until_s: float
+
+
 class Keys:
     """The keys of a database, and the one from the settings."""
 
     def __init__(self, database: Database, bootstrap: SecretStr | None) -> None:
         self._database = database
+        self._remembered: dict[str | None, _Remembered] = {}
         self._bootstrap_sha256 = None if bootstrap is None else _sha256(bootstrap.get_secret_value())
 
     async def caller(self, authorization: str | None) -> Caller:
-        """Who an `Authorization` header stands for."""
+        """Who an `Authorization` header stands for; what the database said of it is believed for some seconds."""
+        remembered = self._remembered.get(authorization)
+        if remembered is not None and time.monotonic() < remembered.until_s:
+            return remembered.caller
+        caller = await self.looked_up(authorization)
+        if len(self._remembered) >= _REMEMBERED_HEADERS:
+            self._remembered.clear()
+        believed_s = _OPEN_BELIEVED_S if caller.is_anonymous else _KEY_BELIEVED_S
+        self._remembered[authorization] = _Remembered(caller, time.monotonic() + believed_s)
+        return caller
+
+    async def looked_up(self, authorization: str | None) -> Caller:
+        """The same as the database says it now."""
         if authorization is None:
             return await self._anonymous()
         scheme, _, key = authorization.partition(" ")

@@ -33,6 +33,12 @@ def tile_of_cell(cell: int) -> int:
     return cell >> 2 * (CELL_ZOOM - TILE_ZOOM)
 
 
+def cells_of_tile(tile: int) -> tuple[int, int]:
+    """First and last cell of a tile at zoom 14."""
+    shift = 2 * (CELL_ZOOM - TILE_ZOOM)
+    return tile << shift, ((tile + 1) << shift) - 1
+
+
 def shard_of_tile(tile: int) -> int:
     """Leading six quadkey digits (12 bits) of a tile at zoom 14."""
     return tile >> 2 * (TILE_ZOOM - SHARD_ZOOM)

@@ -28,6 +28,7 @@ class Settings(BaseSettings):
     bootstrap_operator_key: SecretStr | None = None
     policy: PolicyName = "cooperation"
     write_deadline_s: Annotated[float, Field(gt=0, le=60, description="how long one request's writes are retried")] = 5
+    cache_mib: Annotated[int, Field(ge=1, le=1 << 20, description="features kept in memory for nearby queries")] = 256
     log_level: Literal["debug", "info", "warning", "error"] = "info"
 
     @field_validator("database_url")

@@ -48,21 +48,29 @@ def evidence_in(spans: int, names: int) -> Select[Any]:
 def tiles_for_update(tiles: int) -> Select[Any]:
     """Rows of that many tiles (`tile0`... with `shard0`...), locked in ascending order."""
     table = tables.tile
-    key = tuple_(table.c.shard, table.c.tile)
-    wanted = [tuple_(bindparam(f"shard{number}"), bindparam(f"tile{number}")) for number in range(tiles)]
     return (
         select(table.c.tile, table.c.version, table.c.lock_seq)
-        .where(key.in_(wanted))
+        .where(_are_tiles(tiles))
         .order_by(table.c.shard, table.c.tile)
         .with_for_update()
     )
 
 
 @lru_cache
+def tile_versions(tiles: int) -> Select[Any]:
+    """Versions of that many tiles (`tile0`... with `shard0`...)."""
+    table = tables.tile
+    return select(table.c.tile, table.c.version).where(_are_tiles(tiles))
+
+
+@lru_cache
 def answers_to(reports: int) -> Select[Any]:
     """What was answered to that many reports (`key0`... with `report0`...)."""
     table = tables.report
-    wanted = [tuple_(bindparam(f"key{number}"), bindparam(f"report{number}")) for number in range(reports)]
+    report = table.c.report_id.type
+    wanted = [
+        tuple_(bindparam(f"key{number}"), bindparam(f"report{number}", type_=report)) for number in range(reports)
+    ]
     return select(table.c.key_id, table.c.report_id, table.c.body_sha256, table.c.answer).where(
         tuple_(table.c.key_id, table.c.report_id).in_(wanted)
     )
@@ -83,3 +91,8 @@ def numbered(name: str, values: Sequence[Any]) -> dict[str, Any]:
 def _in_cells(spans: int) -> ColumnElement[bool]:
     cell = tables.obstacle.c.cell
     return or_(*(cell.between(bindparam(f"low{number}"), bindparam(f"high{number}")) for number in range(spans)))
+
+
+def _are_tiles(tiles: int) -> ColumnElement[bool]:
+    wanted = [tuple_(bindparam(f"shard{number}"), bindparam(f"tile{number}")) for number in range(tiles)]
+    return tuple_(tables.tile.c.shard, tables.tile.c.tile).in_(wanted)

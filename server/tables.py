@@ -115,6 +115,8 @@ obstacle = Table(
     # What an operator noted of it, and the obstacles that one report saw beside it (they never merge with it).
     Column("inspection_state", String(16), nullable=False, server_default="open"),
     Column("distinct_from", JsonText, nullable=False, server_default="[]"),
+    # As it is served, made once for each revision; none in rows of an older schema.
+    Column("feature", Text),
     Index("obstacle_by_cell", "cell"),
     Index("obstacle_by_expiry", "expires_at"),
 )

@@ -55,6 +55,7 @@ class WorkingSet:
         self.evidence: Evidence = {}
         self.ended: list[Obstacle] = []
         self.events: list[EventLine] = []
+        self.features: dict[UUID, str] = {}
 
     @property
     def created(self) -> list[Obstacle]:
@@ -63,7 +64,7 @@ class WorkingSet:
 
     @property
     def changed(self) -> list[Obstacle]:
-        """Obstacles to update."""
+        """Obstacles to update, with a new text in `features` when a served field changed."""
         return [self._current[identifier] for identifier in self._touched if identifier in self._read]
 
     def nearby(self, ranges: Ranges) -> tuple[Obstacle, ...]:
@@ -106,7 +107,7 @@ class WorkingSet:
     def _announced(self, before: Obstacle | None, after: Obstacle) -> ObstacleEvent:
         """The event, in the log of the obstacle's tile, and in that of the tile that it has left."""
         event = event_of(after, self._life)
-        body = event.feature.model_dump_json()
+        body = self.features[after.id] = event.feature.model_dump_json()
         places = [after.place.position] + ([] if before is None else [before.place.position])
         for number in dict.fromkeys(tile_of_cell(cell_of(place)) for place in places):
             tile = self.tiles[number]

@@ -14,6 +14,7 @@ from sqlalchemy.ext.asyncio import AsyncConnection
 
 from server import rows, tables
 from server.identity import shard_of_id
+from server.obstacle import Obstacle
 from server.policy import Life
 from server.quadkey import shard_of_tile
 from server.working_set import WorkingSet
@@ -40,9 +41,11 @@ class LoggedReport:
 
 async def write(connection: AsyncConnection, changes: WorkingSet, life: Life, now: datetime) -> None:
     """Write obstacles, evidence, ended versions and events, and advance the tiles."""
-    created = [rows.row_of(obstacle, life) for obstacle in changes.created]
+    created = [rows.row_of(obstacle, life) | _feature(changes, obstacle) for obstacle in changes.created]
     await _insert(connection, tables.obstacle, created)
-    await _update(connection, _UPDATE_OBSTACLE, [rows.row_of(obstacle, life) for obstacle in changes.changed])
+    changed = [rows.row_of(obstacle, life) | _feature(changes, obstacle) for obstacle in changes.changed]
+    await _update(connection, _UPDATE_OBSTACLE, [row for row in changed if "feature" in row])
+    await _update(connection, _UPDATE_UNSERVED, [row for row in changed if "feature" not in row])
     await _insert(connection, tables.obstacle_version, _ended_versions(changes, now))
     evidence = {
         key: rows.witness_row(shard_of_id(key[0]), key[0], witness) for key, witness in changes.evidence.items()
@@ -72,6 +75,12 @@ async def log(connection: AsyncConnection, lines: Sequence[LoggedReport]) -> Non
         for line in lines
     ]
     await _insert(connection, tables.report, values)
+
+
+def _feature(changes: WorkingSet, obstacle: Obstacle) -> dict[str, str]:
+    """The column `feature` when it is to be written."""
+    text = changes.features.get(obstacle.id)
+    return {} if text is None else {"feature": text}
 
 
 def _ended_versions(changes: WorkingSet, now: datetime) -> list[dict[str, Any]]:
@@ -119,15 +128,18 @@ async def _update(connection: AsyncConnection, statement: Update, values: list[d
         await connection.execute(statement, [{f"{name}_": value for name, value in row.items()} for row in values])
 
 
-def _update_by_key(table: Table) -> Update:
+def _update_by_key(table: Table, *untouched: str) -> Update:
     key = table.primary_key.columns
     here = [column == bindparam(f"{column.name}_") for column in key]
     rest: dict[str, Any] = {
-        column.name: bindparam(f"{column.name}_") for column in table.columns if column.name not in key
+        column.name: bindparam(f"{column.name}_")
+        for column in table.columns
+        if column.name not in key and column.name not in untouched
     }
     return update(table).where(*here).values(rest)
 
 
 _UPDATE_OBSTACLE = _update_by_key(tables.obstacle)
+_UPDATE_UNSERVED = _update_by_key(tables.obstacle, "feature")
 _UPDATE_WITNESS = _update_by_key(tables.witness)
 _UPDATE_TILE = _update_by_key(tables.tile)

@@ -15,6 +15,7 @@ def upgrade() -> None:
     # One statement each: PostgreSQL adds a column with a constant default without rewriting the table.
     op.add_column("obstacle", sa.Column("inspection_state", sa.String(16), nullable=False, server_default="open"))
     op.add_column("obstacle", sa.Column("distinct_from", sa.JSON, nullable=False, server_default="[]"))
+    op.add_column("obstacle", sa.Column("feature", sa.Text))
     op.create_index("obstacle_by_expiry", "obstacle", ["expires_at"])
     op.create_index("event_by_obstacle", "event", ["shard", "obstacle_id"])
     op.add_column("report", sa.Column("tiles", sa.JSON, nullable=False, server_default="[]"))
@@ -64,5 +65,6 @@ def downgrade() -> None:
     op.drop_column("report", "tiles")
     op.drop_index("event_by_obstacle", "event")
     op.drop_index("obstacle_by_expiry", "obstacle")
+    op.drop_column("obstacle", "feature")
     op.drop_column("obstacle", "distinct_from")
     op.drop_column("obstacle", "inspection_state")

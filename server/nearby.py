@@ -1,0 +1,107 @@
+"""Nearby queries from memory, as fresh as the database: no query answers what an earlier answered write has changed.
+
+Each query joins the next version check: one `SELECT` of tile versions answers all queries that arrived before it was
+sent. Tiles whose version rose get the changed rows from the event log; tiles that are not in memory are loaded.
+"""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+from datetime import UTC, datetime
+from uuid import UUID
+
+from contract.geometry import LatLon
+from server.database import Database
+from server.policy import Life
+from server.quadkey import tiles
+from server.tile_cache import Served, TileCache, TileFeatures
+from server.tile_reader import TileReader, Versions
+
+GREATEST_RADIUS_M = 2_000.0
+"""Wider circles touch too many tiles: they are for SQL."""
+_EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
+
+
+@dataclass(slots=True)
+class _Check:
+    """A version check that has not been sent yet, and the queries that wait for it."""
+
+    tiles: set[int] = field(default_factory=set)
+    answer: asyncio.Future[Versions] = field(default_factory=lambda: asyncio.get_running_loop().create_future())
+
+
+class Nearby:
+    """What lies around a place, from the tiles that this process keeps in memory."""
+
+    def __init__(self, database: Database, life: Life, limit_bytes: int) -> None:
+        self._reader = TileReader(database, life)
+        self._cache = TileCache(limit_bytes)
+        self._next: _Check | None = None
+        self._checking: asyncio.Task[None] | None = None
+        self._refreshing: dict[int, asyncio.Task[None]] = {}
+
+    async def within(self, centre: LatLon, radius_m: float, now: datetime) -> list[Served]:
+        """Live obstacles within a geodesic radius of at most `GREATEST_RADIUS_M`, nearest first."""
+        wanted = tiles(centre, radius_m)
+        versions = await self._versions(wanted)
+        now_us = int((now - _EPOCH).total_seconds() * 1e6)
+        found: list[tuple[float, Served]] = []
+        for tile in wanted:
+            # A tile without a row was never written to.
+            if version := versions.get(tile, 0):
+                found += (await self._fresh(tile, version)).within(centre, radius_m, now_us)
+        found.sort(key=_by_distance)
+        return [item for _, item in found]
+
+    async def _versions(self, wanted: Iterable[int]) -> Versions:
+        """Versions of tiles, read by a statement that is sent after this call."""
+        if self._next is None:
+            self._next = _Check()
+        check = self._next
+        check.tiles.update(wanted)
+        if self._checking is None:
+            self._checking = asyncio.create_task(self._check())
+        # One query that is cancelled must not cancel what the others wait for.
+        return await asyncio.shield(check.answer)
+
+    async def _check(self) -> None:
+        try:
+            while check := self._next:
+                self._next = None
+                try:
+                    answer = await self._reader.versions(sorted(check.tiles))
+                except Exception as error:  # it belongs to the queries that wait, and the next may succeed
+                    check.answer.set_exception(error)
+                    # Those who waited may all have gone.
+                    check.answer.exception()
+                else:
+                    check.answer.set_result(answer)
+        finally:
+            self._checking = None
+
+    async def _fresh(self, tile: int, version: int) -> TileFeatures:
+        """The tile at least at a version; one task refreshes it for all who need it."""
+        while True:
+            known = self._cache.get(tile)
+            if known is not None and known.version >= version:
+                return known
+            if tile not in self._refreshing:
+                task = self._refreshing[tile] = asyncio.create_task(self._refresh(tile, known))
+                task.add_done_callback(lambda _, done=tile: self._refreshing.pop(done))  # type: ignore[misc]  # mypy
+            await asyncio.shield(self._refreshing[tile])
+
+    async def _refresh(self, tile: int, known: TileFeatures | None) -> None:
+        changes = None if known is None else await self._reader.changes(tile, known.version)
+        if known is None or changes is None:
+            self._cache.put(tile, await self._reader.tile(tile))
+            return
+        before_bytes = known.size_bytes
+        for change in changes:
+            known.apply(change)
+        self._cache.resized(tile, before_bytes)
+
+
+def _by_distance(item: tuple[float, Served]) -> tuple[float, UUID]:
+    return item[0], item[1].identifier

@@ -1,0 +1,109 @@
+"""Tiles from the database: their versions, all that is live in one, and what changed in it since a version."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from datetime import UTC, datetime, timedelta
+
+from sqlalchemy import RowMapping, bindparam, select
+
+from contract.observation import State
+from contract.obstacle import ObstacleFeature
+from server import rows, tables
+from server.collection import mark_of
+from server.database import Database
+from server.features import feature_of
+from server.policy import Life
+from server.quadkey import cell_of, cells_of_tile, shard_of_tile, tile_of_cell
+from server.statements import numbered, padded, tile_versions
+from server.tile_cache import Served, TileChange, TileFeatures
+
+Versions = Mapping[int, int]
+"""Versions by tile; a tile without one was never written to."""
+
+_EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
+# Beyond this, reading the tile anew costs less than its changes.
+_MOST_CHANGES = 256
+
+_obstacle, _event = tables.obstacle, tables.event
+_VERSION = select(tables.tile.c.version).where(
+    tables.tile.c.shard == bindparam("shard"), tables.tile.c.tile == bindparam("tile")
+)
+_LIVE = select(_obstacle).where(
+    _obstacle.c.cell.between(bindparam("low"), bindparam("high")),
+    _obstacle.c.state != State.REMOVED.value,
+    _obstacle.c.expires_at > bindparam("now", type_=_obstacle.c.expires_at.type),
+)
+_CHANGES = (
+    select(_event.c.seq, _event.c.obstacle_id, _event.c.body)
+    .where(_event.c.shard == bindparam("shard"), _event.c.tile == bindparam("tile"), _event.c.seq > bindparam("after"))
+    .order_by(_event.c.seq)
+    .limit(_MOST_CHANGES + 1)
+)
+
+
+class TileReader:
+    """Reads tiles for the cache."""
+
+    def __init__(self, database: Database, life: Life) -> None:
+        self._database, self._life = database, life
+
+    async def versions(self, wanted: Sequence[int]) -> Versions:
+        """The present versions of tiles."""
+        numbers = padded(wanted)
+        values = numbered("shard", [shard_of_tile(number) for number in numbers]) | numbered("tile", numbers)
+        async with self._database.read() as connection:
+            found = await connection.execute(tile_versions(len(numbers)), values)
+            return {row.tile: row.version for row in found}
+
+    async def tile(self, tile: int) -> TileFeatures:
+        """All that is live in a tile. Its version is read first: later changes are then applied twice, never missed."""
+        low, high = cells_of_tile(tile)
+        async with self._database.read() as connection:
+            here = {"shard": shard_of_tile(tile), "tile": tile}
+            version = (await connection.execute(_VERSION, here)).scalar_one()
+            found = (await connection.execute(_LIVE, {"low": low, "high": high, "now": datetime.now(UTC)})).mappings()
+            return TileFeatures(version, [self._served(row) for row in found])
+
+    async def changes(self, tile: int, after: int) -> list[TileChange] | None:
+        """What changed in a tile after a version; None when that is too much, or no longer in the log."""
+        async with self._database.read() as connection:
+            values = {"shard": shard_of_tile(tile), "tile": tile, "after": after}
+            found = (await connection.execute(_CHANGES, values)).all()
+        if not found or len(found) > _MOST_CHANGES or found[0].seq != after + 1:
+            return None
+        return [TileChange(row.seq, row.obstacle_id, _still_served(tile, row.body)) for row in found]
+
+    def _served(self, row: RowMapping) -> Served:
+        body = row["feature"]
+        if body is None:
+            body = feature_of(rows.obstacle_of(row), self._life).model_dump_json()
+        return Served(
+            identifier=row["id"],
+            latitude_deg=row["latitude_deg"],
+            longitude_deg=row["longitude_deg"],
+            expires_at_us=_microseconds(row["expires_at"]),
+            mark=mark_of(row["id"], row["revision"]),
+            body=body.encode(),
+        )
+
+
+def _still_served(tile: int, body: str) -> Served | None:
+    feature = ObstacleFeature.model_validate_json(body)
+    is_here = tile_of_cell(cell_of(feature.position)) == tile
+    return _served(feature, body) if is_here and feature.properties.state is not State.REMOVED else None
+
+
+def _served(feature: ObstacleFeature, body: str) -> Served:
+    return Served(
+        identifier=feature.id,
+        latitude_deg=feature.position.latitude_deg,
+        longitude_deg=feature.position.longitude_deg,
+        expires_at_us=_microseconds(feature.properties.expires_at),
+        mark=mark_of(feature.id, feature.properties.revision),
+        body=body.encode(),
+    )
+
+
+def _microseconds(moment: datetime) -> int:
+    return (moment - _EPOCH) // timedelta(microseconds=1)
