@@ -56,6 +56,7 @@ class ActionKind(StrEnum):
     REPAIRED = "repaired"
     INSPECTION_STATE = "inspection_state"
     DELETE = "delete"
+    EXPIRE = "expire"
 
 
 class Standing(Message):

@@ -35,12 +35,12 @@ class Order:
     @property
     def kind(self) -> str:
         """The action's name in the log."""
-        return self.deed if self.deed == "delete" else self.deed.action
+        return self.deed if isinstance(self.deed, str) else self.deed.action
 
     @property
     def detail(self) -> dict[str, Any]:
         """What a replay of the action needs besides its name: its own members."""
-        return {} if self.deed == "delete" else self.deed.model_dump(mode="json", exclude={"action"})
+        return {} if isinstance(self.deed, str) else self.deed.model_dump(mode="json", exclude={"action"})
 
 
 def line(order: Order, before: Obstacle, after: Obstacle, tiles: dict[int, int], now: datetime) -> dict[str, Any]:

@@ -17,6 +17,7 @@ from server.operators import Operators
 from server.policy import Life
 from server.service import Service
 from server.stream import Hub
+from server.upkeep import Upkeep
 
 
 class Problem(BaseModel):
@@ -40,6 +41,7 @@ class Parts:
     life: Life
     operators: Operators
     nearby: Nearby
+    upkeep: Upkeep
 
 
 def _parts(request: Request) -> Parts:

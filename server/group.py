@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Container, Mapping, Sequence
 from dataclasses import dataclass
 
 from contract.observation import ReportResult, ReportStatus
@@ -10,6 +10,7 @@ from server import answers, parcel, rules, writing
 from server.database import Database
 from server.features import ObstacleEvent
 from server.parcel import Parcel, Reach
+from server.plausibility import LastPlace, is_too_fast, place_of
 from server.policy import Policy
 from server.quadkey import merged
 from server.repository import Answered, ReportName, Repository
@@ -28,21 +29,29 @@ Outcomes = list[Outcome | Exception]
 """For each report of a group; an exception is a fault of ours in deciding that one report, which changed nothing."""
 
 
-async def decide_together(database: Database, parcels: Sequence[Parcel], policy: Policy) -> Outcomes:
-    """Decide reports in order and commit what they change; it has committed when this returns."""
-    opened = [_opened(item, policy) for item in parcels]
+async def decide_together(
+    database: Database, parcels: Sequence[Parcel], policy: Policy, distrusted: Container[str] = frozenset()
+) -> Outcomes:
+    """Decide reports in order and commit what they change; it has committed when this returns.
+
+    What `distrusted` witnesses report is answered and logged only.
+    """
+    opened = [_opened(item, policy, distrusted) for item in parcels]
     async with database.write() as connection:
         repository = Repository(connection, policy.life)
         held = await repository.hold(number for item in opened for number in item.reach.tiles)
         known = await repository.answered(item.name for item in parcels)
         ranges = merged(span for item in opened for span in item.reach.ranges)
-        changes = await repository.working_set(held, ranges, (item.witness for item in parcels))
-        group = _Group(changes, known, policy)
+        witnesses = {item.witness for item in parcels}
+        places = await repository.last_places(witnesses)
+        changes = await repository.working_set(held, ranges, witnesses)
+        group = _Group(changes, known, places, policy)
         outcomes = [group.decided(item) for item in opened]
         await writing.log(connection, group.lines)
         # A group without a new line (repetitions, rejections) leaves nothing to be ordered by.
         if group.lines:
             await writing.write(connection, changes, policy.life, parcels[-1].received_at)
+            await writing.move(connection, group.moved, places)
     return outcomes
 
 
@@ -55,8 +64,8 @@ class _Opened:
     reach: Reach
 
 
-def _opened(item: Parcel, policy: Policy) -> _Opened:
-    report = parcel.opened(item, policy)
+def _opened(item: Parcel, policy: Policy, distrusted: Container[str]) -> _Opened:
+    report = parcel.opened(item, policy, distrusted)
     # Only what can change something locks: at a pole the reach of a report is a whole row of tiles.
     return _Opened(item, report, _NOWHERE if isinstance(report, str) else parcel.reach(item.message, policy))
 
@@ -67,9 +76,16 @@ _NOWHERE = Reach((), ())
 class _Group:
     """The reports of one transaction, decided one after the other on the same working set."""
 
-    def __init__(self, changes: WorkingSet, known: dict[ReportName, Answered], policy: Policy) -> None:
-        self._changes, self._known, self._policy = changes, known, policy
+    def __init__(
+        self,
+        changes: WorkingSet,
+        known: dict[ReportName, Answered],
+        places: Mapping[str, LastPlace],
+        policy: Policy,
+    ) -> None:
+        self._changes, self._known, self._places, self._policy = changes, known, places, policy
         self.lines: list[writing.LoggedReport] = []
+        self.moved: dict[str, LastPlace] = {}
 
     def decided(self, opened: _Opened) -> Outcome | Exception:
         """Decide one report; what fails in it must not fail the others."""
@@ -78,6 +94,10 @@ class _Group:
             return Outcome(_answered_before(item, earlier))
         if isinstance(report, str):
             return Outcome(answers.refused(item.message, ReportStatus.REJECTED, report))
+        here = place_of(item.message, report.observed_at)
+        last = self.moved.get(item.witness) or self._places.get(item.witness)
+        if last is not None and is_too_fast(last, here, self._policy.plausibility):
+            return Outcome(answers.refused(item.message, ReportStatus.REJECTED, "impossible-speed"))
         try:
             nearby = self._changes.nearby(opened.reach.ranges)
             decisions = rules.decide(report, nearby, item.received_at, self._policy)
@@ -85,11 +105,13 @@ class _Group:
         except Exception as error:  # one report's failure is answered as such, and only to its sender
             return error
         self._log(opened, report, result)
-        return Outcome(result, self._taken(decisions))
+        if last is None or here.observed_at > last.observed_at:
+            self.moved[item.witness] = here
+        return Outcome(result, self._taken(decisions, item.witness))
 
-    def _taken(self, decisions: list[rules.Decision]) -> tuple[ObstacleEvent, ...]:
+    def _taken(self, decisions: list[rules.Decision], witness: str) -> tuple[ObstacleEvent, ...]:
         after = {decision.obstacle.id: decision.obstacle for decision in decisions if decision.obstacle is not None}
-        events = [self._changes.put(obstacle) for obstacle in after.values()]
+        events = [self._changes.put(obstacle, witness) for obstacle in after.values()]
         return tuple(event for event in events if event is not None)
 
     def _log(self, opened: _Opened, report: rules.Report, result: ReportResult) -> None:

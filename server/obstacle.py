@@ -103,6 +103,13 @@ class Obstacle:
         return self.kind.sign
 
     @property
+    def closed_until(self) -> datetime | None:
+        """What was seen up to here says nothing new of a removed obstacle; None when it is live, or part of another."""
+        if self.is_live or self.merged_into is not None:
+            return None
+        return self.as_of if self.removed_reason == "expired" else self.removed_at
+
+    @property
     def is_live(self) -> bool:
         """Whether it has not been removed."""
         return self.state is not State.REMOVED

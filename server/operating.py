@@ -11,20 +11,37 @@ from contract.observation import Descriptor, State
 from contract.obstacle import InspectionState
 from server.errors import ObstacleRemovedError
 from server.obstacle import Obstacle, Shape
+from server.policy import Life
+from server.rows import expires_at
 
 ERASED = Descriptor(name="erased", version=1, values={})
 """Stands for a descriptor that was deleted for privacy."""
 
-Deed = OperatorAction | Literal["delete"]
+OperatorDeed = OperatorAction | Literal["delete"]
+Deed = OperatorDeed | Literal["expire"]
+"""`expire` is the server's own."""
 
 
-def decide(obstacle: Obstacle, deed: Deed, now: datetime) -> Obstacle:
+def decide(obstacle: Obstacle, deed: OperatorDeed, now: datetime) -> Obstacle:
     """The obstacle after the action; the very same value when the action changes nothing.
 
     Raises `ObstacleRemovedError` when a removed obstacle is to be confirmed.
     """
     after = _after(obstacle, deed, now)
     return obstacle if after == obstacle else replace(after, revision=obstacle.revision + 1)
+
+
+def expired(obstacle: Obstacle, now: datetime, life: Life) -> Obstacle:
+    """The obstacle removed when its confidence has decayed below what is worth a warning; else the very same value."""
+    if not obstacle.is_live or (moment := expires_at(obstacle, life)) > now:
+        return obstacle
+    return replace(
+        obstacle,
+        state=State.REMOVED,
+        removed_at=moment,
+        removed_reason="expired",
+        revision=obstacle.revision + 1,
+    )
 
 
 def erased(shape: Shape) -> Shape:
@@ -37,7 +54,7 @@ def standing(obstacle: Obstacle) -> Standing:
     return Standing(state=obstacle.state, inspection_state=obstacle.inspection_state, revision=obstacle.revision)
 
 
-def _after(obstacle: Obstacle, deed: Deed, now: datetime) -> Obstacle:
+def _after(obstacle: Obstacle, deed: OperatorDeed, now: datetime) -> Obstacle:
     match deed:
         case Confirm():
             return _confirmed(obstacle)

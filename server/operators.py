@@ -81,11 +81,11 @@ class Operators:
             if _tile_of(before) != tile:
                 raise _MovedError
             _check_revision(order, before)
-            after = operating.decide(before, order.deed, now)
+            after = self._decided(before, order, now)
             if after is before:
                 return _Outcome(feature_of(before, self._life))
             changes = WorkingSet(held, (before,), {}, self._life)
-            event = changes.put(after)
+            event = changes.put(after, f"operator:{order.key_id}")
             changes.tiles[tile].lock_seq += 1
             await writing.write(connection, changes, self._life, now)
             if order.deed == "delete":
@@ -93,6 +93,11 @@ class Operators:
             line = audit.line(order, before, after, {tile: changes.tiles[tile].lock_seq}, now)
             await connection.execute(tables.action.insert().values(line))
         return _Outcome(feature_of(after, self._life), event)
+
+    def _decided(self, before: Obstacle, order: Order, now: datetime) -> Obstacle:
+        if order.deed == "expire":
+            return operating.expired(before, now, self._life)
+        return operating.decide(before, order.deed, now)
 
 
 class _MovedError(Exception):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import math
+from collections.abc import Container
 from dataclasses import dataclass
 from datetime import datetime
 from uuid import UUID
@@ -37,15 +38,21 @@ class Parcel:
         return hashlib.sha256(self.body.encode()).hexdigest()
 
 
-def opened(parcel: Parcel, policy: Policy) -> rules.Report | str:
-    """The report at its corrected time, or why it is rejected as a whole."""
+def opened(parcel: Parcel, policy: Policy, distrusted: Container[str]) -> rules.Report | str:
+    """The report at its corrected time, or why it is rejected as a whole; `distrusted` are names of witnesses."""
     correction = clock_correction(parcel.sent_at, parcel.received_at, policy.times)
     if correction is None:
         return "clock-skew"
     age = parcel.received_at - parcel.message.observed_at - correction
     if rejection := report_rejection(parcel.message, age, policy.plausibility, policy.times):
         return rejection
-    return rules.Report(parcel.message, parcel.received_at - age, parcel.key_id, parcel.witness)
+    return rules.Report(
+        parcel.message,
+        parcel.received_at - age,
+        parcel.key_id,
+        parcel.witness,
+        trusted=parcel.witness not in distrusted,
+    )
 
 
 @dataclass(frozen=True, slots=True)

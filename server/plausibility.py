@@ -3,11 +3,35 @@
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from datetime import datetime, timedelta
 
+from contract.geometry import LatLon
 from contract.observation import Detection, ObservationReport
+from server.geodesy import distance_m
 from server.policy import Plausibility, Times
 from server.symmetric import greatest_sd_m
+
+
+@dataclass(frozen=True, slots=True)
+class LastPlace:
+    """Where a witness was when it last reported."""
+
+    position: LatLon
+    sd_m: float
+    observed_at: datetime
+
+
+def place_of(report: ObservationReport, observed_at: datetime) -> LastPlace:
+    """Where a report says the vehicle was, at its corrected time."""
+    return LastPlace(report.origin.position, greatest_sd_m(report.origin.covariance), observed_at)
+
+
+def is_too_fast(before: LastPlace, now: LastPlace, limits: Plausibility) -> bool:
+    """Whether no vehicle can have been at both places, at either order of their times."""
+    seconds = abs((now.observed_at - before.observed_at).total_seconds())
+    errors_m = 3 * math.hypot(before.sd_m, now.sd_m) + limits.speed_slack_m
+    return distance_m(before.position, now.position) - errors_m > limits.greatest_speed_mps * seconds
 
 
 def report_rejection(report: ObservationReport, age: timedelta, limits: Plausibility, times: Times) -> str | None:

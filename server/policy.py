@@ -42,6 +42,10 @@ class Plausibility:
     """A GNSS fix worse than this cannot tell one street from the next; it also bounds what a report locks."""
     greatest_centre_sd_m: float = 5.0
     """Wider than a lane: not a measurement of one obstacle."""
+    greatest_speed_mps: float = 100.0
+    """360 km/h: no car on a road."""
+    speed_slack_m: float = 50.0
+    """Clocks tick in seconds, and an origin lies anywhere within a pass."""
     greatest_latitude_deg: float = 85.0
     """Web mercator ends at 85.05 degrees, and no road lies beyond."""
 
@@ -78,6 +82,10 @@ class Matching:
     """Common shifts tried for a report; true ones are among the likeliest few."""
     greatest_drift_m: float = 20.0
     """A refined position stays this close to the first, so that the tiles locked by a report suffice."""
+    merging_chi_square: float = 5.991464547107979
+    """95 % with 2 degrees of freedom: stricter than the gate, since a merge is not undone."""
+    merging_reach_m: float = 50.0
+    """Beyond the 95 % of two positions known to 14 m each, which is a bad fix."""
     level_m: float = 4.0
     """A bridge's clearance is at least 4.5 m: further apart in height is another road."""
     level_sd_m: float = 10.0
@@ -134,6 +142,10 @@ class Life:
     """Below this nobody should be warned."""
     half_life_s: MappingProxyType[Kind, float] = field(default_factory=_half_lives_s)
     """A pothole is mended in about a month, a hump stays, debris is cleared or thrown aside within hours."""
+    judged_creations: int = 20
+    """A witness is judged by its latest creations that nobody else has seen."""
+    refuted_creations: int = 5
+    """So many of them found absent by others, and what the witness reports is only logged."""
     kind_hysteresis: int = 2
     """Votes by which another kind must lead, since bump and debris are easily confused."""
 

@@ -17,9 +17,19 @@ from contract.observation import State
 from server import rows, tables
 from server.identity import shard_of_id
 from server.obstacle import Obstacle
+from server.plausibility import LastPlace
 from server.policy import Life
 from server.quadkey import Ranges, cover, shard_of_tile
-from server.statements import answers_to, evidence_in, numbered, obstacles_in, padded, range_values, tiles_for_update
+from server.statements import (
+    answers_to,
+    evidence_in,
+    numbered,
+    obstacles_in,
+    padded,
+    places_of,
+    range_values,
+    tiles_for_update,
+)
 from server.working_set import Tile, WorkingSet, with_evidence
 
 ReportName = tuple[str, UUID]
@@ -92,6 +102,19 @@ class Repository:
         values = numbered("key", [key for key, _ in wanted]) | numbered("report", [report for _, report in wanted])
         found = await self._connection.execute(answers_to(len(wanted)), values)
         return {(row.key_id, row.report_id): Answered(row.body_sha256, row.answer) for row in found}
+
+    async def last_places(self, witnesses: Iterable[str]) -> dict[str, LastPlace]:
+        """Where witnesses were when they last reported."""
+        names = padded(sorted(set(witnesses)))
+        if not names:
+            return {}
+        found = await self._connection.execute(places_of(len(names)), numbered("name", names))
+        return {
+            row.witness: LastPlace(
+                LatLon(latitude_deg=row.latitude_deg, longitude_deg=row.longitude_deg), row.sd_m, row.observed_at
+            )
+            for row in found
+        }
 
     async def secret(self, name: str, fresh: str) -> str:
         """A secret of this installation; `fresh` becomes it when there is none yet."""

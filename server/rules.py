@@ -13,24 +13,31 @@ from uuid import UUID
 
 from contract.geometry import Kind
 from contract.observation import DecisionKind, Detection, Inspection, ObservationReport, Outcome, State
-from server import change, evidence, matching
+from server import change, evidence, matching, merging, shaping
 from server.geodesy import distance_m, east_north_m
 from server.identity import obstacle_id
-from server.obstacle import Obstacle, Shape, Size, Witness
+from server.obstacle import Obstacle, Witness
 from server.placing import fused_place, measured_place
 from server.plausibility import detection_rejection
 from server.policy import Policy
 from server.quadkey import cell_of, shard_of_cell
 
+DISTRUSTED = "witness-distrusted"
+"""Reason of every decision about a report that is only logged."""
+
 
 @dataclass(frozen=True, slots=True)
 class Report:
-    """A vehicle's message with what the server knows of it: who sent it, and its time after correcting the clock."""
+    """A vehicle's message with what the server knows of it: who sent it, and its time after correcting the clock.
+
+    What a witness reports that is not `trusted` is answered and logged, and changes nothing.
+    """
 
     message: ObservationReport
     observed_at: datetime
     key_id: str
     witness: str
+    trusted: bool = True
 
 
 class Verdict(StrEnum):
@@ -41,21 +48,29 @@ class Verdict(StrEnum):
     REMOVED = "removed"
 
 
+class Aftermath(StrEnum):
+    """What the report as a whole did to obstacles, besides what it said of each."""
+
+    TOLD_APART = "told-apart"
+    MERGED = "merged"
+
+
 @dataclass(frozen=True, slots=True)
 class Decision:
     """One decision: about a detection or an inspection (its index in the report), and the obstacle's new value.
 
-    `obstacle` is None when nothing stored is concerned; decisions about one obstacle build on each other in order.
+    `obstacle` is None when nothing stored is concerned; decisions about one obstacle build on each other in order. An
+    aftermath has no index.
     """
 
-    outcome: DecisionKind | Verdict
+    outcome: DecisionKind | Verdict | Aftermath
     reason: str
-    index: int
+    index: int | None
     obstacle: Obstacle | None = None
 
 
 def decide(report: Report, nearby: tuple[Obstacle, ...], now: datetime, policy: Policy) -> list[Decision]:
-    """Decide about every detection, then every inspection of a report, each in the report's order.
+    """Decide about every detection, then every inspection of a report, each in the report's order, then its aftermath.
 
     `nearby` holds all obstacles, removed ones too, that could match. `now` is the time of receipt and goes into the
     ids of created obstacles only.
@@ -70,7 +85,7 @@ class _Reading:
         self._report, self._now, self._policy = report, now, policy
         self._at = report.observed_at
         self._current: dict[UUID, Obstacle] = {obstacle.id: obstacle for obstacle in nearby}
-        self._tombstones = tuple(obstacle for obstacle in nearby if not obstacle.is_live)
+        self._tombstones = tuple(obstacle for obstacle in nearby if obstacle.closed_until is not None)
         self._rejections = [
             detection_rejection(detection, policy.plausibility) for detection in report.message.detections
         ]
@@ -78,14 +93,38 @@ class _Reading:
 
     def decisions(self) -> list[Decision]:
         message = self._report.message
+        if not self._report.trusted:
+            return _distrusted(message)
         detections = [self._kept(self._detected(*item)) for item in enumerate(message.detections)]
         inspections = [self._kept(self._inspected(*item)) for item in enumerate(message.inspections)]
-        return detections + inspections
+        return detections + inspections + self._told_apart() + self._merged()
 
     def _kept(self, decision: Decision) -> Decision:
         if decision.obstacle is not None:
             self._current[decision.obstacle.id] = decision.obstacle
         return decision
+
+    def _told_apart(self) -> list[Decision]:
+        seen = [self._current[identifier] for identifier in dict.fromkeys(self._obstacle_of.values())]
+        learned = merging.told_apart(seen, self._policy.matching)
+        return [self._kept(Decision(Aftermath.TOLD_APART, "side-by-side", None, item)) for item in learned.values()]
+
+    def _merged(self) -> list[Decision]:
+        """Obstacles of this report that turn out to be another one, now that their places are known better."""
+        decisions: list[Decision] = []
+        for identifier in dict.fromkeys(self._obstacle_of.values()):
+            obstacle = self._current[identifier]
+            twin = merging.twin(obstacle, self._current.values(), self._policy.matching) if obstacle.is_live else None
+            if twin is None:
+                continue
+            older, _ = before = sorted((obstacle, twin), key=lambda item: item.id)
+            after = merging.merged(obstacle, twin, self._policy.matching)
+            reason = f"one-with-{older.id}"
+            decisions += [
+                self._kept(Decision(Aftermath.MERGED, reason, None, _revised(*pair)))
+                for pair in zip(before, after, strict=True)
+            ]
+        return decisions
 
     def _match(self, live: tuple[Obstacle, ...]) -> dict[int, UUID]:
         """Obstacle of each matched detection, by the detection's index in the report."""
@@ -112,8 +151,8 @@ class _Reading:
 
     def _new(self, index: int, detection: Detection) -> Decision:
         predecessor = self._tombstone(detection)
-        removed_at = predecessor.removed_at if predecessor else None
-        if predecessor is not None and removed_at is not None and self._at <= removed_at:
+        closed_until = predecessor.closed_until if predecessor else None
+        if predecessor is not None and closed_until is not None and self._at <= closed_until:
             return Decision(DecisionKind.SUPERSEDED, "removed-since", index, predecessor)
         obstacle = self._created(index, detection, predecessor.id if predecessor else None)
         self._obstacle_of[index] = obstacle.id
@@ -124,7 +163,7 @@ class _Reading:
         at_the_place = [
             stone for stone in self._tombstones if stone.sign is detection.sign and self._is_at(detection, stone)
         ]
-        return max(at_the_place, key=lambda stone: stone.removed_at or stone.last_seen, default=None)
+        return max(at_the_place, key=lambda stone: stone.closed_until or stone.last_seen, default=None)
 
     def _is_at(self, detection: Detection, obstacle: Obstacle) -> bool:
         message, policy = self._report.message, self._policy.matching
@@ -147,7 +186,7 @@ class _Reading:
             revision=1,
             born_at=place.position,
             place=place,
-            shape=_shape(detection, self._at),
+            shape=shaping.shape_of(detection, self._at),
             references=(change.measured_size(detection, self._policy.change),),
             pending=None,
             confidence=life.sighting_weight * detection.confidence,
@@ -163,7 +202,7 @@ class _Reading:
     def _seen_again(self, index: int, detection: Detection, obstacle: Obstacle) -> Decision:
         witness = evidence.witness_of(obstacle, self._report.witness)
         same_pass = evidence.is_same_pass(witness, self._at, self._policy.times)
-        if same_pass and _is_better_look(detection, obstacle):
+        if same_pass and shaping.is_better_look(detection, obstacle):
             return Decision(DecisionKind.KEPT, "better-look", index, self._looked_better(detection, obstacle))
         outcome, reason, resized = self._resized(detection, obstacle, same_pass)
         if same_pass:
@@ -184,9 +223,13 @@ class _Reading:
         if same_pass and not (verdict.changed and verdict.new_size is measured):
             return DecisionKind.KEPT, "same-pass", obstacle
         if verdict.new_size is not None:
-            return DecisionKind.UPDATED, verdict.reason, _changed(obstacle, detection, self._at, verdict.new_size)
+            return (
+                DecisionKind.UPDATED,
+                verdict.reason,
+                shaping.changed(obstacle, detection, self._at, verdict.new_size),
+            )
         kept = replace(obstacle, references=verdict.references, pending=verdict.pending)
-        return DecisionKind.KEPT, verdict.reason, _with_fused_box(kept)
+        return DecisionKind.KEPT, verdict.reason, shaping.with_fused_box(kept)
 
     def _looked_better(self, detection: Detection, obstacle: Obstacle) -> Obstacle:
         """The obstacle after a better look of the only pass that has seen it: its first measurement is replaced."""
@@ -194,7 +237,7 @@ class _Reading:
         better = replace(
             seen,
             place=measured_place(self._report.message.origin, detection),
-            shape=_shape(detection, max(self._at, obstacle.shape.observed_at)),
+            shape=shaping.shape_of(detection, max(self._at, obstacle.shape.observed_at)),
             references=(change.measured_size(detection, self._policy.change),),
             pending=None,
         )
@@ -307,37 +350,24 @@ class _Reading:
         return sd_m <= policy.level_sd_m and abs(origin.altitude_m - obstacle.place.altitude_m) < policy.level_m
 
 
-def _is_better_look(detection: Detection, obstacle: Obstacle) -> bool:
-    return obstacle.sightings == 1 and detection.box_sd.ln_area < obstacle.shape.box_sd.ln_area
-
-
-def _shape(detection: Detection, observed_at: datetime) -> Shape:
-    return Shape(
-        box=detection.box,
-        box_sd=detection.box_sd,
-        volume_m3=detection.volume_m3,
-        descriptor=detection.descriptor,
-        points_cm=detection.points_cm,
-        observed_at=observed_at,
-    )
-
-
-def _changed(obstacle: Obstacle, detection: Detection, observed_at: datetime, size: Size) -> Obstacle:
-    """The next version: box, descriptor and points of this pass, or the mean box of the two passes that confirmed."""
-    shape = replace(_shape(detection, observed_at), box=size.box, box_sd=size.sd)
-    return replace(obstacle, version=obstacle.version + 1, shape=shape, references=(size,), pending=None)
-
-
-def _with_fused_box(obstacle: Obstacle) -> Obstacle:
-    """The obstacle with the mean box of the view it is known best from; that is no new version."""
-    best = min(obstacle.references, key=lambda size: size.sd.ln_area)
-    return replace(obstacle, shape=replace(obstacle.shape, box=best.box, box_sd=best.sd))
-
-
 def _revised(before: Obstacle, after: Obstacle) -> Obstacle:
     """The new value with the revision counted up when a served field differs."""
     return after if _served(before) == _served(after) else replace(after, revision=before.revision + 1)
 
 
 def _served(obstacle: Obstacle) -> Obstacle:
-    return replace(obstacle, evidence=(), references=(), pending=None, absent_since=None, kind_votes={})
+    return replace(
+        obstacle,
+        evidence=(),
+        references=(),
+        pending=None,
+        absent_since=None,
+        kind_votes={},
+        distinct_from=frozenset(),
+    )
+
+
+def _distrusted(message: ObservationReport) -> list[Decision]:
+    """A witness whose creations others found absent too often is heard, and not believed."""
+    detections = [Decision(DecisionKind.REJECTED, DISTRUSTED, index) for index in range(len(message.detections))]
+    return detections + [Decision(Verdict.IGNORED, DISTRUSTED, index) for index in range(len(message.inspections))]

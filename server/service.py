@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import AsyncIterator, Callable, Sequence
+from collections.abc import AsyncIterator, Callable, Container, Sequence
 from contextlib import asynccontextmanager
 from datetime import UTC, datetime
 from uuid import UUID
@@ -24,7 +24,10 @@ from server.repository import Repository
 
 
 class Service:
-    """The obstacle service on one database. `publish` is called with every event, after its commit."""
+    """The obstacle service on one database. `publish` is called with every event, after its commit.
+
+    `distrusted` names the witnesses whose reports are logged only.
+    """
 
     def __init__(
         self,
@@ -33,10 +36,12 @@ class Service:
         secret: str,
         write_deadline_s: float,
         publish: Callable[[ObstacleEvent], None],
+        distrusted: Callable[[], Container[str]] = frozenset,
     ) -> None:
         self._database = database
         self._policy = policy
         self._secret = secret
+        self._distrusted = distrusted
         self._ingest = Ingest(self._decide, write_deadline_s, publish)
 
     @asynccontextmanager
@@ -79,7 +84,7 @@ class Service:
         return feature_of(found, self._policy.life)
 
     async def _decide(self, parcels: Sequence[Parcel]) -> Outcomes:
-        return await decide_together(self._database, parcels, self._policy)
+        return await decide_together(self._database, parcels, self._policy, self._distrusted())
 
     def _parcel(self, caller: Caller, sent_at: datetime, received_at: datetime, report: ObservationReport) -> Parcel:
         return Parcel(

@@ -76,6 +76,13 @@ def answers_to(reports: int) -> Select[Any]:
     )
 
 
+@lru_cache
+def places_of(witnesses: int) -> Select[Any]:
+    """Last places of that many witnesses (`name0`...)."""
+    names: list[ColumnElement[str]] = [bindparam(f"name{number}") for number in range(witnesses)]
+    return select(tables.vehicle_place).where(tables.vehicle_place.c.witness.in_(names))
+
+
 def range_values(ranges: Ranges) -> dict[str, int]:
     """Parameters of ranges of cells."""
     return {f"low{number}": low for number, (low, _) in enumerate(ranges)} | {

@@ -190,14 +190,17 @@ action = Table(
     Index("action_by_obstacle", "shard", "obstacle_id"),
 )
 
-# What one witness alone reported, and what became of it: sole, shared or refuted.
+# Who reported an obstacle first, and what became of that: sole, shared, refuted by others, or withdrawn.
 creation = Table(
     "creation",
     metadata,
-    Column("witness", String(64), primary_key=True),
+    Column("shard", SmallInteger, primary_key=True, autoincrement=False),
     Column("obstacle_id", Uuid, primary_key=True),
+    Column("witness", String(64), nullable=False),
     Column("created_at", UtcMicroseconds, nullable=False),
     Column("outcome", String(16), nullable=False),
+    Index("creation_by_witness", "witness", "created_at"),
+    Index("creation_by_outcome", "outcome", "witness"),
 )
 
 # Where a witness last was, coarse as reported: nobody drives faster than the policy's limit.

@@ -9,14 +9,18 @@ from __future__ import annotations
 from bisect import bisect_left, bisect_right, insort
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
+from typing import Literal
 from uuid import UUID
 
+from contract.obstacle import InspectionState
 from server.features import ObstacleEvent, event_of
 from server.obstacle import Obstacle, Witness
 from server.policy import Life
 from server.quadkey import Ranges, cell_of, tile_of_cell
 
 Evidence = dict[tuple[UUID, str], Witness]
+Outcome = Literal["shared", "refuted"]
+"""What became of something that one witness alone had reported: seen by another, or found not to be there."""
 
 
 @dataclass(slots=True)
@@ -56,6 +60,7 @@ class WorkingSet:
         self.ended: list[Obstacle] = []
         self.events: list[EventLine] = []
         self.features: dict[UUID, str] = {}
+        self.outcomes: dict[UUID, tuple[Outcome, str]] = {}
 
     @property
     def created(self) -> list[Obstacle]:
@@ -76,11 +81,13 @@ class WorkingSet:
             inside += [identifier for _, identifier in self._places[first:last]]
         return tuple(self._current[identifier] for identifier in sorted(inside))
 
-    def put(self, after: Obstacle) -> ObstacleEvent | None:
-        """Take an obstacle's new value; the event when a served field changed."""
+    def put(self, after: Obstacle, by: str) -> ObstacleEvent | None:
+        """Take an obstacle's new value, caused by a witness or an operator; the event when a served field changed."""
         before = self._current.get(after.id)
         if before is after:
             return None
+        if before is not None and (outcome := _outcome(before, after)) is not None:
+            self.outcomes[after.id] = (outcome, by)
         if before is not None and before.version != after.version:
             self.ended.append(before)
         self._keep_evidence(before, after)
@@ -114,6 +121,15 @@ class WorkingSet:
             tile.version += 1
             self.events.append(EventLine(number, tile.version, after.id, body))
         return event
+
+
+def _outcome(before: Obstacle, after: Obstacle) -> Outcome | None:
+    if before.witness_count > 1:
+        return None
+    if after.witness_count > 1:
+        return "shared"
+    denied = after.removed_reason == "absent" or after.inspection_state is InspectionState.NOT_AN_ISSUE
+    return "refuted" if before.is_live and not after.is_live and denied else None
 
 
 def with_evidence(obstacles: Iterable[Obstacle], evidence: Evidence) -> list[Obstacle]:

@@ -2,19 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Container, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime
 from typing import Any
 from uuid import UUID
 
 from pydantic import TypeAdapter
-from sqlalchemy import Table, Update, bindparam, update
+from sqlalchemy import Table, Update, bindparam, case, update
 from sqlalchemy.ext.asyncio import AsyncConnection
 
 from server import rows, tables
 from server.identity import shard_of_id
 from server.obstacle import Obstacle
+from server.plausibility import LastPlace
 from server.policy import Life
 from server.quadkey import shard_of_tile
 from server.working_set import WorkingSet
@@ -54,8 +55,26 @@ async def write(connection: AsyncConnection, changes: WorkingSet, life: Life, no
         connection, tables.witness, [row for key, row in evidence.items() if key not in changes.stored_evidence]
     )
     await _update(connection, _UPDATE_WITNESS, [row for key, row in evidence.items() if key in changes.stored_evidence])
+    await _insert(connection, tables.creation, [_creation(obstacle) for obstacle in changes.created])
+    await _update(connection, _UPDATE_CREATION, _outcomes(changes))
     await _insert(connection, tables.event, _events(changes, now))
     await _update(connection, _UPDATE_TILE, _tiles(changes))
+
+
+async def move(connection: AsyncConnection, places: Mapping[str, LastPlace], known: Container[str]) -> None:
+    """Write where witnesses were last; `known` have a row already. In one order, so that transactions do not cross."""
+    values = [
+        {
+            "witness": witness,
+            "observed_at": place.observed_at,
+            "latitude_deg": place.position.latitude_deg,
+            "longitude_deg": place.position.longitude_deg,
+            "sd_m": place.sd_m,
+        }
+        for witness, place in sorted(places.items())
+    ]
+    await _insert(connection, tables.vehicle_place, [row for row in values if row["witness"] not in known])
+    await _update(connection, _UPDATE_PLACE, [row for row in values if row["witness"] in known])
 
 
 async def log(connection: AsyncConnection, lines: Sequence[LoggedReport]) -> None:
@@ -110,6 +129,25 @@ def _events(changes: WorkingSet, now: datetime) -> list[dict[str, Any]]:
     ]
 
 
+def _creation(obstacle: Obstacle) -> dict[str, Any]:
+    # Created and seen by another in the same transaction.
+    outcome = "sole" if obstacle.witness_count <= 1 else "shared"
+    return {
+        "shard": obstacle.shard,
+        "obstacle_id": obstacle.id,
+        "witness": obstacle.evidence[0].name,
+        "created_at": obstacle.first_seen,
+        "outcome": outcome,
+    }
+
+
+def _outcomes(changes: WorkingSet) -> list[dict[str, Any]]:
+    return [
+        {"shard": shard_of_id(identifier), "obstacle_id": identifier, "outcome": outcome, "by": by}
+        for identifier, (outcome, by) in changes.outcomes.items()
+    ]
+
+
 def _tiles(changes: WorkingSet) -> list[dict[str, Any]]:
     return [
         {"shard": shard_of_tile(number), "tile": number, "version": tile.version, "lock_seq": tile.lock_seq}
@@ -142,4 +180,15 @@ def _update_by_key(table: Table, *untouched: str) -> Update:
 _UPDATE_OBSTACLE = _update_by_key(tables.obstacle)
 _UPDATE_UNSERVED = _update_by_key(tables.obstacle, "feature")
 _UPDATE_WITNESS = _update_by_key(tables.witness)
+_UPDATE_PLACE = _update_by_key(tables.vehicle_place)
+_UPDATE_CREATION = (
+    update(tables.creation)
+    .where(
+        tables.creation.c.shard == bindparam("shard_"),
+        tables.creation.c.obstacle_id == bindparam("obstacle_id_"),
+        tables.creation.c.outcome == "sole",
+    )
+    # Whoever takes back what only they had reported is not refuted by it.
+    .values(outcome=case((tables.creation.c.witness == bindparam("by_"), "withdrawn"), else_=bindparam("outcome_")))
+)
 _UPDATE_TILE = _update_by_key(tables.tile)

@@ -36,11 +36,14 @@ def upgrade() -> None:
     op.create_index("action_by_obstacle", "action", ["shard", "obstacle_id"])
     op.create_table(
         "creation",
-        sa.Column("witness", sa.String(64), primary_key=True),
+        sa.Column("shard", sa.SmallInteger, primary_key=True, autoincrement=False),
         sa.Column("obstacle_id", sa.Uuid, primary_key=True),
+        sa.Column("witness", sa.String(64), nullable=False),
         sa.Column("created_at", sa.BigInteger, nullable=False),
         sa.Column("outcome", sa.String(16), nullable=False),
     )
+    op.create_index("creation_by_witness", "creation", ["witness", "created_at"])
+    op.create_index("creation_by_outcome", "creation", ["outcome", "witness"])
     op.create_table(
         "vehicle_place",
         sa.Column("witness", sa.String(64), primary_key=True),
