@@ -20,7 +20,7 @@ from detector.verification import Candidates, candidates_of, likely
 MIN_RELIEF_M = 0.025
 FLAG_SD = 3.0
 # What ten sweeps agree on is asked to be surer than what one shows: it is looked at ten times as often.
-MIN_CONFIDENCE = 0.85
+MIN_CONFIDENCE = 0.94
 # Boxes this far apart are two obstacles.
 SAME_M = 0.3
 # Cells at the strip's border are half kerb.

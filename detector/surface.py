@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numba import njit
@@ -30,7 +30,9 @@ KERNEL_REACH = 2.5
 # Hits a cell counts for at most, so that the dense near field does not rule.
 MAX_CELL_WEIGHT = 4.0
 # Cutoffs of the successive corrections: the road's waves first, then everything but the obstacles.
-CORRECTION_CUTOFFS_M = (0.15, 0.06, 0.04)
+CORRECTION_CUTOFFS_M = (0.3, 0.12, 0.06)
+# What rises is left out sooner than what sinks: along a kerb the surface is the road's and not the mean of both.
+RISE_SHARE = 0.5
 # Cells off the road by more than this many standard deviations of their range are obstacles: they and their neighbours
 # do not take part in the last correction, or it would follow a low bump.
 OBSTACLE_SD = 2.5
@@ -70,10 +72,11 @@ class RoadSurface:
         return np.asarray(_noise_at(self.noise_m, self.across_start_m, range_m, across_m))
 
 
-def fit_surface(
+def first_surface(
     along_m: FloatArray, across_m: FloatArray, height_m: FloatArray, corridor: Corridor
 ) -> RoadSurface | None:
-    """Surface through points (N,) of a corridor and its margin; None where too little of a road is seen."""
+    """Surface through points (N,) of a corridor and its margin, before obstacles are left out, its noise not yet known;
+    None where too little of a road is seen."""
     start = corridor.right_m - MARGIN_M
     columns = math.ceil((corridor.left_m + MARGIN_M - start) / CELL_M) + 1
     count, mean = _cell_means(along_m, across_m, height_m, start, columns)
@@ -84,13 +87,27 @@ def fit_surface(
     certainty = np.minimum(count, MAX_CELL_WEIGHT)
     correction = np.zeros_like(residual)
     for cutoff in CORRECTION_CUTOFFS_M:
-        correction = _correction(_tukey_weights(certainty, residual - correction, cutoff), residual)
-    surface = RoadSurface(coefficients, correction, start, np.empty(0))
+        correction = _corrected(correction, _tukey_weights(certainty, residual - correction, cutoff), residual)
+    return RoadSurface(coefficients, correction, start, np.empty(0))
+
+
+def sound_surface(first: RoadSurface, along_m: FloatArray, across_m: FloatArray, height_m: FloatArray) -> RoadSurface:
+    """The surface through the same points without those of obstacles, and the noise about it."""
+    start = first.across_start_m
+    count, mean = _cell_means(along_m, across_m, height_m, start, first.correction_m.shape[1])
+    residual = mean - _plane(first.coefficients, *count.shape, start)
+    certainty = np.minimum(count, MAX_CELL_WEIGHT)
+    surface = first
     for _ in range(SOUND_ROUNDS):
         noise = _noise(surface, along_m, across_m, height_m)
         sound = _sound_weights(certainty, residual - surface.correction_m, noise, start)
-        surface = RoadSurface(coefficients, _correction(sound, residual), start, noise)
-    return RoadSurface(coefficients, surface.correction_m, start, _noise(surface, along_m, across_m, height_m))
+        surface = RoadSurface(first.coefficients, _corrected(surface.correction_m, sound, residual), start, noise)
+    return replace(surface, noise_m=_noise(surface, along_m, across_m, height_m))
+
+
+def _corrected(correction: FloatArray, weights: FloatArray, residual: FloatArray) -> FloatArray:
+    """The correction plus that of what it leaves (Tukey's twicing): alone it cuts off crests and fills troughs."""
+    return correction + _correction(weights, residual - correction)
 
 
 @njit(cache=True, nogil=True)
@@ -152,7 +169,7 @@ def _tukey_weights(certainty: FloatArray, residual: FloatArray, cutoff: float) -
     weights = np.zeros_like(certainty)
     for row in range(certainty.shape[0]):
         for column in range(certainty.shape[1]):
-            u = residual[row, column] / cutoff
+            u = residual[row, column] / (cutoff if residual[row, column] < 0.0 else RISE_SHARE * cutoff)
             if certainty[row, column] > 0.0 and abs(u) < 1.0:
                 weights[row, column] = certainty[row, column] * (1.0 - u * u) ** 2
     return weights

@@ -2,20 +2,21 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from detector.clusters import CELL_M, Cluster, Deviations, Surroundings, group, surroundings
+from detector.clusters import CELL_M, Cluster, Deviations, cores, group
 from detector.confidence import HOLE_WEIGHTS, MIN_CONFIDENCE, RISE_WEIGHTS, confidence
 from detector.corridor import Corridor
+from detector.surroundings import Surroundings, surroundings
 from detector.types import FloatArray, IntArray
 
-# Two points at 3.5 standard deviations each.
-MIN_EVIDENCE = 25.0
+# Two points at 4.2 standard deviations each, or four at 3.
+MIN_EVIDENCE = 36.0
 # Beyond these ranges a crest of the road cannot be told from a low rise, a wave of it from a hole, nor a thing from the
 # end of what is seen.
-MAX_LOW_RANGE_M = 25.0
+MAX_LOW_RANGE_M = 22.0
 MAX_HOLE_RANGE_M = 32.0
 MAX_RANGE_M = 42.0
 # The far edge of the neighbouring lane: what lies beyond is nobody's who drives here, and its road hardly seen.
@@ -34,11 +35,13 @@ MAX_HUMP_RATIO = 10.0
 MIN_COVERED = 0.6
 NARROW_M = 0.2
 # Hits over the density of the road around them: what is hit of the smallest hole that is looked for.
-MIN_HOLE_AREA_M2 = 0.01
+MIN_HOLE_AREA_M2 = 0.02
+# Hits over those a metre of the same rings has beside it: less is a crack, or one hit astray on each ring.
+MIN_HOLE_WIDTH_M = 0.08
+# A dip as narrow and as shallow as this is the texture of a road.
+TEXTURE_WIDTH_M, TEXTURE_DEPTH_M = 0.15, 0.03
 # Around an obstacle the road is less than this share of it off the surface; more, and the surface is off.
-MAX_BESIDE_SHARE = 0.6
-# Behind what stands on the road begins its shadow, not a hole.
-MIN_STANDING_SHARE = 0.1
+MAX_BESIDE_SHARE = 0.5
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,8 +59,26 @@ def candidates_of(
 ) -> Candidates:
     """Clusters of flagged points (mask (N,)) of one sign."""
     groups = group(deviations, flagged, cell_m)
+    if is_negative:
+        groups = groups + cores(deviations, groups, cell_m)
     around = surroundings(deviations, groups, is_negative, corridor)
     return Candidates(groups, around, is_negative, plausible(around, is_negative))
+
+
+def candidates_of_sweep(
+    deviations: Deviations, flagged: np.ndarray, is_negative: bool, corridor: Corridor
+) -> Candidates:
+    """Clusters of flagged points (mask (N,)) of one sweep; of holes, those that are no texture or stray hits."""
+    candidates = candidates_of(deviations, flagged, is_negative, corridor)
+    if not is_negative:
+        return candidates
+    return replace(candidates, plausible=candidates.plausible & ~_is_texture(candidates.around))
+
+
+def _is_texture(around: Surroundings) -> np.ndarray:
+    extent = np.maximum(around.extent_along_m, around.extent_across_m)
+    shallow = (extent < TEXTURE_WIDTH_M) & (around.peak_m < TEXTURE_DEPTH_M)
+    return np.asarray(shallow | (around.count < MIN_HOLE_WIDTH_M * around.beside_per_m))
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,8 +92,8 @@ class Found:
 
 def find_clusters(deviations: Deviations, candidates: np.ndarray, corridor: Corridor) -> Found:
     """Clusters among the candidate points (mask (N,)) of a sweep."""
-    low = candidates_of(deviations, deviations.below & candidates, True, corridor)
-    high = candidates_of(deviations, deviations.above & candidates, False, corridor)
+    low = candidates_of_sweep(deviations, deviations.below & candidates, True, corridor)
+    high = candidates_of_sweep(deviations, deviations.above & candidates, False, corridor)
     clusters = likely(low, HOLE_WEIGHTS) + likely(high, RISE_WEIGHTS)
     return Found(clusters, _members(low), _members(high))
 
@@ -82,10 +103,17 @@ def _members(candidates: Candidates) -> IntArray:
 
 
 def likely(candidates: Candidates, weights: FloatArray, least: float = MIN_CONFIDENCE) -> list[Cluster]:
-    """The plausible clusters that a model believes in at least so much."""
-    chosen = np.flatnonzero(candidates.plausible)
+    """The plausible clusters that a model believes in at least so much; of those that share points the surest."""
     sure = confidence(candidates.around, weights)
-    return [Cluster(candidates.groups[c], candidates.is_negative, float(sure[c])) for c in chosen if sure[c] >= least]
+    chosen = np.flatnonzero(candidates.plausible & (sure >= least))
+    taken: set[int] = set()
+    clusters = []
+    for c in chosen[np.argsort(-sure[chosen], kind="stable")]:
+        members = set(candidates.groups[c].tolist())
+        if taken.isdisjoint(members):
+            clusters.append((c, Cluster(candidates.groups[c], candidates.is_negative, float(sure[c]))))
+            taken |= members
+    return [cluster for _, cluster in sorted(clusters, key=lambda pair: int(pair[0]))]
 
 
 def plausible(around: Surroundings, is_negative: bool) -> np.ndarray:
@@ -96,11 +124,12 @@ def plausible(around: Surroundings, is_negative: bool) -> np.ndarray:
 
 
 def _is_hole(around: Surroundings) -> np.ndarray:
-    """A hole is closed: road is seen on all four sides, as high as the surface, and nothing stands before it."""
+    """A hole is closed: road is seen on all four sides, as high as the surface, and before it nearer than what stands
+    there, behind which a shadow begins and not a hole."""
     seen = (around.side_count > 0).all(axis=1)
     small = np.maximum(around.extent_along_m, around.extent_across_m) < MAX_EXTENT_M
     level = around.side_mean_m.max(axis=1) < MAX_BESIDE_SHARE * around.relief_m
-    unshadowed = around.side_standing[:, 0] < MIN_STANDING_SHARE * around.side_count[:, 0]
+    unshadowed = around.shadow_m < 0.0
     inside = (around.edge_m > EDGE_MARGIN_M) & (around.range_m < MAX_HOLE_RANGE_M)
     covered = around.count > MIN_HOLE_AREA_M2 * around.density_per_m2
     closed = (around.covered > MIN_COVERED) | (around.extent_across_m < NARROW_M)

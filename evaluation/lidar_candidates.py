@@ -18,7 +18,7 @@ from detector.height_grid import deviations_over
 from detector.over_frames import grid_candidates
 from detector.strip import Strip, road_strip
 from detector.types import FrameDetection
-from detector.verification import Candidates, candidates_of
+from detector.verification import Candidates, candidates_of_sweep
 from evaluation.lidar_course import Course, Moment, in_sensor
 
 FloatArray = NDArray[np.float64]
@@ -48,7 +48,7 @@ def samples(on: Course, moments: Iterator[Moment]) -> Iterator[Sample]:
         deviations, corridor = strip.deviations, strip.corridor
         state = accumulate(state, sweep, _undecided(strip, len(sweep.points_m)))
         for is_negative, flagged in ((True, deviations.below), (False, deviations.above)):
-            candidates = candidates_of(deviations, flagged & strip.in_corridor, is_negative, corridor)
+            candidates = candidates_of_sweep(deviations, flagged & strip.in_corridor, is_negative, corridor)
             yield _sample(candidates, deviations, corridor, in_sensor(moment.street_from_sensor, on), on, False)
         if len(state.recent) == RECENT_FRAMES:
             sensor_from_odom: FloatArray = np.asarray(np.linalg.inv(sweep.odom_from_sensor), dtype=np.float64)
