@@ -27,8 +27,8 @@ MIN_POINTS = 2
 MIN_FLAGGED_SHARE = 0.25
 # One point counts for at most eight standard deviations.
 MAX_POINT_SD = 8.0
-# What is wider than this may be a hole and what lies beside it: the hole is deeper than a share of the whole's depth, which
-# is this percentile of its points'.
+# What is wider than this may be a hole and what lies beside it: the hole is deeper than a share of the depth of both,
+# which is this percentile of its points'.
 WIDE_M = 1.0
 CORE_SHARE = 0.5
 CORE_PERCENTILE = 90.0

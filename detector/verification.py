@@ -37,7 +37,7 @@ NARROW_M = 0.2
 # Hits over the density of the road around them: what is hit of the smallest hole that is looked for.
 MIN_HOLE_AREA_M2 = 0.02
 # Hits over those a metre of the same rings has beside it: less is a crack, or one hit astray on each ring.
-MIN_HOLE_WIDTH_M = 0.08
+MIN_WIDTH_M = 0.08
 # A dip as narrow and as shallow as this is the texture of a road.
 TEXTURE_WIDTH_M, TEXTURE_DEPTH_M = 0.15, 0.03
 # Around an obstacle the road is less than this share of it off the surface; more, and the surface is off.
@@ -68,17 +68,16 @@ def candidates_of(
 def candidates_of_sweep(
     deviations: Deviations, flagged: np.ndarray, is_negative: bool, corridor: Corridor
 ) -> Candidates:
-    """Clusters of flagged points (mask (N,)) of one sweep; of holes, those that are no texture or stray hits."""
+    """Clusters of flagged points (mask (N,)) of one sweep; those that are no texture or stray hits pass."""
     candidates = candidates_of(deviations, flagged, is_negative, corridor)
-    if not is_negative:
-        return candidates
-    return replace(candidates, plausible=candidates.plausible & ~_is_texture(candidates.around))
+    around = candidates.around
+    passes = candidates.plausible & (around.count >= MIN_WIDTH_M * around.beside_per_m)
+    return replace(candidates, plausible=passes & ~_is_texture(around) if is_negative else passes)
 
 
 def _is_texture(around: Surroundings) -> np.ndarray:
     extent = np.maximum(around.extent_along_m, around.extent_across_m)
-    shallow = (extent < TEXTURE_WIDTH_M) & (around.peak_m < TEXTURE_DEPTH_M)
-    return np.asarray(shallow | (around.count < MIN_HOLE_WIDTH_M * around.beside_per_m))
+    return np.asarray((extent < TEXTURE_WIDTH_M) & (around.peak_m < TEXTURE_DEPTH_M))
 
 
 @dataclass(frozen=True, slots=True)
