@@ -24,8 +24,8 @@ RECOGNISED_SD = 8.0
 RECOGNISED_EVIDENCE = 53.0
 # What an outline leaves of its seed is a basin of its own from this share of the depth nearby; else it is apron.
 BASIN_SHARE = 0.5
-# A hole narrower than this is texture.
-MIN_AREA_M2 = 0.0007
+# Texture is up to 3 cm across: what is smaller must stand out in inverse proportion to its area.
+TEXTURE_AREA_M2 = 0.0007
 # An outline never lies where the road's waves would.
 OUTLINE_SD = 2.0
 # A cell was not measured when so little of its smoothed neighbourhood was.
@@ -75,12 +75,16 @@ def find_holes(relief: Relief) -> list[Hole]:
         evidence = float(np.percentile(depth[outline.extent][measured], 95)) / relief.wave_m
         if (
             evidence >= RECOGNISED_SD
-            and evidence * outline.slope / road_slope >= RECOGNISED_EVIDENCE
-            and outline.mask.sum() * relief.grid.cell_m**2 >= MIN_AREA_M2
+            and evidence * outline.slope / road_slope >= _least_evidence(outline, cell_m)
             and _border_share(outline, unmeasured & ~gaps) <= MAX_BORDER_SHARE
         ):
             holes.append(Hole(outline, evidence))
     return holes
+
+
+def _least_evidence(outline: Outline, cell_m: float) -> float:
+    area_m2 = float(outline.mask.sum()) * cell_m**2
+    return RECOGNISED_EVIDENCE * max(TEXTURE_AREA_M2 / area_m2, 1.0)
 
 
 def _seeds(depth: FloatArray, deep: MaskArray, least_m: float) -> list[Outline]:

@@ -12,11 +12,11 @@ from detector.types import FloatArray
 # The road's own waves reach this many of their standard deviations.
 WAVE_SD = 1.0
 # Depth from which a point of a hole may lie, in standard deviations: a hole has no depth of its own at its rim.
-RIM_SD = 1.0
+RIM_SD = 1.6
 MAX_LOG_RATIO = 8.0
 # Weight of the neighbours' opinion, and their reach in cells.
-NEIGHBOUR_WEIGHT = 2.0
-NEIGHBOUR_CELLS = 1.5
+NEIGHBOUR_WEIGHT = 5.0
+NEIGHBOUR_CELLS = 0.8
 SWEEPS = 6
 
 

@@ -12,6 +12,8 @@ from detector.types import FloatArray, IntArray
 
 # What fills a hole runs out on its apron; what lies below the road farther from the outline is another matter.
 APRON_M = 0.035
+# Where an apron runs out, fewer than half of its points are told from the road; with this share of them sand lies.
+SUPPORTED_SHARE = 0.3
 # A straight-edge that levels the filling rides on the road's high points: one standard deviation of its waves.
 LEVEL_SD = 1.0
 
@@ -25,7 +27,7 @@ def volume_below(relief: Relief, holes: IntArray, support: NDArray[np.bool_]) ->
     occupied = (relief.count > 0).astype(np.float64)
     depth, _ = smooth(relief.depth_map_m, occupied, FINE_CELLS)
     share, _ = smooth(relief.grid.mean(relief.cells, support.astype(np.float64), relief.count), occupied, FINE_CELLS)
-    supported = share > 0.5
+    supported = share > SUPPORTED_SHARE
     away, (row, column) = distance_transform_edt(holes == 0, return_indices=True)
     counted = (holes > 0) | (supported & (away * relief.grid.cell_m < APRON_M))
     filled = depth[counted] + LEVEL_SD * relief.wave_m

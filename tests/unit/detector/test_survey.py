@@ -190,6 +190,13 @@ def test_a_small_hole_beside_a_large_one_is_reported_too() -> None:
     assert found[1].length_m == pytest.approx(0.12, abs=0.03)
 
 
+def test_a_steep_hole_of_three_centimetres_is_found_in_a_dense_scan() -> None:
+    points = bowl(road(40_000, 0.4, noise_m=0.0005), length_m=0.03, width_m=0.026, depth_m=0.012, at=(0.05, 0.0))
+    found = survey(points).obstacles
+    assert [o.kind for o in found] == [ObstacleKind.POTHOLE]
+    assert found[0].length_m == pytest.approx(0.03, abs=0.005)
+
+
 @pytest.mark.parametrize("height_m", [-10.0, -0.3, 1.0])
 def test_one_stray_point_is_no_obstacle(height_m: float) -> None:
     rng = np.random.default_rng(0)
