@@ -48,13 +48,12 @@ class Operators:
         Raises `ObstacleNotFoundError`, `ObstacleRemovedError`, `RevisionMismatchError`, and `UnavailableError` when
         the database did not take it in time.
         """
-        now = datetime.now(UTC)
         deadline_s = time.monotonic() + self._write_deadline_s
         pause_s = _FIRST_PAUSE_S
         while time.monotonic() < deadline_s:
             try:
                 async with asyncio.timeout(deadline_s - time.monotonic()):
-                    outcome = await self._attempt(order, now)
+                    outcome = await self._attempt(order)
             except TimeoutError:
                 break
             except DBAPIError as error:
@@ -70,8 +69,12 @@ class Operators:
             pause_s = min(2 * pause_s, _GREATEST_PAUSE_S)
         raise UnavailableError("the database did not take the action in time; send it again")
 
-    async def _attempt(self, order: Order, now: datetime) -> _Outcome:
-        """One transaction; it has committed when this returns."""
+    async def repeat(self, order: Order, at: datetime) -> None:
+        """Carry out an order of the log again, as of its time; nothing is published."""
+        await self._attempt(order, at)
+
+    async def _attempt(self, order: Order, at: datetime | None = None) -> _Outcome:
+        """One transaction, as of `at` or else of now; it has committed when this returns."""
         async with self._database.write() as connection:
             repository = Repository(connection, self._life)
             tile = _tile_of(await _found(repository, order.obstacle_id))
@@ -81,13 +84,15 @@ class Operators:
             if _tile_of(before) != tile:
                 raise _MovedError
             _check_revision(order, before)
+            # Not before the lock: what waited for it is decided, and told, after what it waited for.
+            now = datetime.now(UTC) if at is None else at
             after = self._decided(before, order, now)
             if after is before:
                 return _Outcome(feature_of(before, self._life))
             changes = WorkingSet(held, (before,), {}, self._life)
-            event = changes.put(after, f"operator:{order.key_id}")
+            event = changes.put(after, f"operator:{order.key_id}", now)
             changes.tiles[tile].lock_seq += 1
-            await writing.write(connection, changes, self._life, now)
+            await writing.write(connection, changes, self._life)
             if order.deed == "delete":
                 await audit.erase_versions(connection, after)
             line = audit.line(order, before, after, {tile: changes.tiles[tile].lock_seq}, now)
