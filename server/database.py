@@ -56,6 +56,16 @@ class Database:
             yield await self._connected(stack)
 
     @asynccontextmanager
+    async def snapshot(self) -> AsyncIterator[AsyncConnection]:
+        """A connection on which all reading, however long, sees one state."""
+        async with AsyncExitStack() as stack:
+            connection = await self._connected(stack)
+            if not self.is_sqlite:
+                # Of SQLite every transaction is one.
+                await connection.execution_options(isolation_level="REPEATABLE READ")
+            yield connection
+
+    @asynccontextmanager
     async def write(self) -> AsyncIterator[AsyncConnection]:
         """A transaction that commits at the end of the block, or rolls back when it raises."""
         async with AsyncExitStack() as stack:

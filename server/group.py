@@ -36,7 +36,12 @@ async def decide_together(
 
     What `distrusted` witnesses report is answered and logged only.
     """
-    opened = [_opened(item, policy, distrusted) for item in parcels]
+    return await decide_opened(database, [_opened(item, policy, distrusted) for item in parcels], policy)
+
+
+async def decide_opened(database: Database, opened: Sequence[Opened], policy: Policy) -> Outcomes:
+    """The same for reports that are rejected or believed already."""
+    parcels = [item.parcel for item in opened]
     async with database.write() as connection:
         repository = Repository(connection, policy.life)
         held = await repository.hold(number for item in opened for number in item.reach.tiles)
@@ -50,13 +55,13 @@ async def decide_together(
         await writing.log(connection, group.lines)
         # A group without a new line (repetitions, rejections) leaves nothing to be ordered by.
         if group.lines:
-            await writing.write(connection, changes, policy.life, parcels[-1].received_at)
+            await writing.write(connection, changes, policy.life)
             await writing.move(connection, group.moved, places)
     return outcomes
 
 
 @dataclass(frozen=True, slots=True)
-class _Opened:
+class Opened:
     """A parcel with its report, or why that is rejected as a whole."""
 
     parcel: Parcel
@@ -64,10 +69,10 @@ class _Opened:
     reach: Reach
 
 
-def _opened(item: Parcel, policy: Policy, distrusted: Container[str]) -> _Opened:
+def _opened(item: Parcel, policy: Policy, distrusted: Container[str]) -> Opened:
     report = parcel.opened(item, policy, distrusted)
     # Only what can change something locks: at a pole the reach of a report is a whole row of tiles.
-    return _Opened(item, report, _NOWHERE if isinstance(report, str) else parcel.reach(item.message, policy))
+    return Opened(item, report, _NOWHERE if isinstance(report, str) else parcel.reach(item.message, policy))
 
 
 _NOWHERE = Reach((), ())
@@ -87,7 +92,7 @@ class _Group:
         self.lines: list[writing.LoggedReport] = []
         self.moved: dict[str, LastPlace] = {}
 
-    def decided(self, opened: _Opened) -> Outcome | Exception:
+    def decided(self, opened: Opened) -> Outcome | Exception:
         """Decide one report; what fails in it must not fail the others."""
         item, report = opened.parcel, opened.report
         if earlier := self._known.get(item.name):
@@ -107,14 +112,14 @@ class _Group:
         self._log(opened, report, result)
         if last is None or here.observed_at > last.observed_at:
             self.moved[item.witness] = here
-        return Outcome(result, self._taken(decisions, item.witness))
+        return Outcome(result, self._taken(decisions, item))
 
-    def _taken(self, decisions: list[rules.Decision], witness: str) -> tuple[ObstacleEvent, ...]:
+    def _taken(self, decisions: list[rules.Decision], item: Parcel) -> tuple[ObstacleEvent, ...]:
         after = {decision.obstacle.id: decision.obstacle for decision in decisions if decision.obstacle is not None}
-        events = [self._changes.put(obstacle, witness) for obstacle in after.values()]
+        events = [self._changes.put(obstacle, item.witness, item.received_at) for obstacle in after.values()]
         return tuple(event for event in events if event is not None)
 
-    def _log(self, opened: _Opened, report: rules.Report, result: ReportResult) -> None:
+    def _log(self, opened: Opened, report: rules.Report, result: ReportResult) -> None:
         item = opened.parcel
         for number in opened.reach.tiles:
             self._changes.tiles[number].lock_seq += 1

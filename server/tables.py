@@ -169,7 +169,7 @@ report = Table(
     Column("body", Text, nullable=False),
     Column("answer", Text, nullable=False),
     # The locked tiles with their `lock_seq`: the order in which reports about one place were decided.
-    Column("tiles", JsonText, nullable=False, server_default="[]"),
+    Column("tiles", JsonText, nullable=False, server_default="{}"),
     Index("report_by_receipt", "received_at"),
 )
 
@@ -212,16 +212,6 @@ vehicle_place = Table(
     Column("latitude_deg", Float(53), nullable=False),
     Column("longitude_deg", Float(53), nullable=False),
     Column("sd_m", Float(53), nullable=False),
-)
-
-# The rows of all decided tables at the moment of the last pruning: replay starts from them.
-checkpoint = Table(
-    "checkpoint",
-    metadata,
-    Column("name", String(32), primary_key=True),
-    Column("number", BigInteger, primary_key=True, autoincrement=False),
-    Column("body", Text, nullable=False),
-    Column("taken_at", UtcMicroseconds, nullable=False),
 )
 
 api_key = Table(

@@ -9,6 +9,7 @@ from __future__ import annotations
 from bisect import bisect_left, bisect_right, insort
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
+from datetime import datetime
 from typing import Literal
 from uuid import UUID
 
@@ -39,6 +40,24 @@ class EventLine:
     seq: int
     obstacle_id: UUID
     body: str
+    written_at: datetime
+
+
+@dataclass(frozen=True, slots=True)
+class Ended:
+    """An obstacle in a version that another replaced."""
+
+    obstacle: Obstacle
+    replaced_at: datetime
+
+
+@dataclass(frozen=True, slots=True)
+class Creation:
+    """Who reported an obstacle first."""
+
+    obstacle_id: UUID
+    witness: str
+    created_at: datetime
 
 
 class WorkingSet:
@@ -57,9 +76,10 @@ class WorkingSet:
         self._read = frozenset(self._current)
         self._touched: dict[UUID, None] = {}
         self.evidence: Evidence = {}
-        self.ended: list[Obstacle] = []
+        self.ended: list[Ended] = []
         self.events: list[EventLine] = []
         self.features: dict[UUID, str] = {}
+        self.creations: list[Creation] = []
         self.outcomes: dict[UUID, tuple[Outcome, str]] = {}
 
     @property
@@ -81,22 +101,24 @@ class WorkingSet:
             inside += [identifier for _, identifier in self._places[first:last]]
         return tuple(self._current[identifier] for identifier in sorted(inside))
 
-    def put(self, after: Obstacle, by: str) -> ObstacleEvent | None:
-        """Take an obstacle's new value, caused by a witness or an operator; the event when a served field changed."""
+    def put(self, after: Obstacle, by: str, at: datetime) -> ObstacleEvent | None:
+        """Take an obstacle's new value, caused `by` a witness or an operator; the event when a served field changed."""
         before = self._current.get(after.id)
         if before is after:
             return None
-        if before is not None and (outcome := _outcome(before, after)) is not None:
-            self.outcomes[after.id] = (outcome, by)
+        if before is None:
+            self.creations.append(Creation(after.id, by, after.first_seen))
+        elif (outcome := _outcome(before, after)) is not None:
+            self.outcomes.setdefault(after.id, (outcome, by))
         if before is not None and before.version != after.version:
-            self.ended.append(before)
+            self.ended.append(Ended(before, at))
         self._keep_evidence(before, after)
         self._place(before, after)
         self._current[after.id] = after
         self._touched[after.id] = None
         if before is not None and before.revision == after.revision:
             return None
-        return self._announced(before, after)
+        return self._announced(before, after, at)
 
     def _keep_evidence(self, before: Obstacle | None, after: Obstacle) -> None:
         known = () if before is None else before.evidence
@@ -111,7 +133,7 @@ class WorkingSet:
             self._places.remove((cell_of(before.place.position), before.id))
         insort(self._places, (cell_of(after.place.position), after.id))
 
-    def _announced(self, before: Obstacle | None, after: Obstacle) -> ObstacleEvent:
+    def _announced(self, before: Obstacle | None, after: Obstacle, at: datetime) -> ObstacleEvent:
         """The event, in the log of the obstacle's tile, and in that of the tile that it has left."""
         event = event_of(after, self._life)
         body = self.features[after.id] = event.feature.model_dump_json()
@@ -119,7 +141,7 @@ class WorkingSet:
         for number in dict.fromkeys(tile_of_cell(cell_of(place)) for place in places):
             tile = self.tiles[number]
             tile.version += 1
-            self.events.append(EventLine(number, tile.version, after.id, body))
+            self.events.append(EventLine(number, tile.version, after.id, body, at))
         return event
 
 

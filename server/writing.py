@@ -40,14 +40,14 @@ class LoggedReport:
     tiles: HeldTiles
 
 
-async def write(connection: AsyncConnection, changes: WorkingSet, life: Life, now: datetime) -> None:
+async def write(connection: AsyncConnection, changes: WorkingSet, life: Life) -> None:
     """Write obstacles, evidence, ended versions and events, and advance the tiles."""
     created = [rows.row_of(obstacle, life) | _feature(changes, obstacle) for obstacle in changes.created]
     await _insert(connection, tables.obstacle, created)
     changed = [rows.row_of(obstacle, life) | _feature(changes, obstacle) for obstacle in changes.changed]
     await _update(connection, _UPDATE_OBSTACLE, [row for row in changed if "feature" in row])
     await _update(connection, _UPDATE_UNSERVED, [row for row in changed if "feature" not in row])
-    await _insert(connection, tables.obstacle_version, _ended_versions(changes, now))
+    await _insert(connection, tables.obstacle_version, _ended_versions(changes))
     evidence = {
         key: rows.witness_row(shard_of_id(key[0]), key[0], witness) for key, witness in changes.evidence.items()
     }
@@ -55,9 +55,9 @@ async def write(connection: AsyncConnection, changes: WorkingSet, life: Life, no
         connection, tables.witness, [row for key, row in evidence.items() if key not in changes.stored_evidence]
     )
     await _update(connection, _UPDATE_WITNESS, [row for key, row in evidence.items() if key in changes.stored_evidence])
-    await _insert(connection, tables.creation, [_creation(obstacle) for obstacle in changes.created])
+    await _insert(connection, tables.creation, _creations(changes))
     await _update(connection, _UPDATE_CREATION, _outcomes(changes))
-    await _insert(connection, tables.event, _events(changes, now))
+    await _insert(connection, tables.event, _events(changes))
     await _update(connection, _UPDATE_TILE, _tiles(changes))
 
 
@@ -102,20 +102,20 @@ def _feature(changes: WorkingSet, obstacle: Obstacle) -> dict[str, str]:
     return {} if text is None else {"feature": text}
 
 
-def _ended_versions(changes: WorkingSet, now: datetime) -> list[dict[str, Any]]:
+def _ended_versions(changes: WorkingSet) -> list[dict[str, Any]]:
     return [
         {
-            "shard": ended.shard,
-            "obstacle_id": ended.id,
-            "version": ended.version,
-            "shape": rows.shape_json(ended.shape),
-            "replaced_at": now,
+            "shard": ended.obstacle.shard,
+            "obstacle_id": ended.obstacle.id,
+            "version": ended.obstacle.version,
+            "shape": rows.shape_json(ended.obstacle.shape),
+            "replaced_at": ended.replaced_at,
         }
         for ended in changes.ended
     ]
 
 
-def _events(changes: WorkingSet, now: datetime) -> list[dict[str, Any]]:
+def _events(changes: WorkingSet) -> list[dict[str, Any]]:
     return [
         {
             "shard": shard_of_tile(line.tile),
@@ -123,22 +123,23 @@ def _events(changes: WorkingSet, now: datetime) -> list[dict[str, Any]]:
             "seq": line.seq,
             "obstacle_id": line.obstacle_id,
             "body": line.body,
-            "written_at": now,
+            "written_at": line.written_at,
         }
         for line in changes.events
     ]
 
 
-def _creation(obstacle: Obstacle) -> dict[str, Any]:
-    # Created and seen by another in the same transaction.
-    outcome = "sole" if obstacle.witness_count <= 1 else "shared"
-    return {
-        "shard": obstacle.shard,
-        "obstacle_id": obstacle.id,
-        "witness": obstacle.evidence[0].name,
-        "created_at": obstacle.first_seen,
-        "outcome": outcome,
-    }
+def _creations(changes: WorkingSet) -> list[dict[str, Any]]:
+    return [
+        {
+            "shard": shard_of_id(creation.obstacle_id),
+            "obstacle_id": creation.obstacle_id,
+            "witness": creation.witness,
+            "created_at": creation.created_at,
+            "outcome": "sole",
+        }
+        for creation in changes.creations
+    ]
 
 
 def _outcomes(changes: WorkingSet) -> list[dict[str, Any]]:

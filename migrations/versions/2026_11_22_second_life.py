@@ -18,7 +18,7 @@ def upgrade() -> None:
     op.add_column("obstacle", sa.Column("feature", sa.Text))
     op.create_index("obstacle_by_expiry", "obstacle", ["expires_at"])
     op.create_index("event_by_obstacle", "event", ["shard", "obstacle_id"])
-    op.add_column("report", sa.Column("tiles", sa.JSON, nullable=False, server_default="[]"))
+    op.add_column("report", sa.Column("tiles", sa.JSON, nullable=False, server_default="{}"))
     op.create_index("report_by_receipt", "report", ["received_at"])
     op.create_table(
         "action",
@@ -52,17 +52,10 @@ def upgrade() -> None:
         sa.Column("longitude_deg", sa.Float(53), nullable=False),
         sa.Column("sd_m", sa.Float(53), nullable=False),
     )
-    op.create_table(
-        "checkpoint",
-        sa.Column("name", sa.String(32), primary_key=True),
-        sa.Column("number", sa.BigInteger, primary_key=True, autoincrement=False),
-        sa.Column("body", sa.Text, nullable=False),
-        sa.Column("taken_at", sa.BigInteger, nullable=False),
-    )
 
 
 def downgrade() -> None:
-    for name in ("checkpoint", "vehicle_place", "creation", "action"):
+    for name in ("vehicle_place", "creation", "action"):
         op.drop_table(name)
     op.drop_index("report_by_receipt", "report")
     op.drop_column("report", "tiles")
