@@ -28,17 +28,25 @@ OFFSETS_M = (0.0, -0.6, 0.6)
 AROUND_M, FLAT_M = 1.2, 0.04
 MIN_AROUND_HITS, MIN_FLAT_SHARE = 12, 0.97
 STEP_M = 0.005
+# A hole is shown by at least so many hits so far below the road: fewer, or shallower, are as many dips of any asphalt.
+SHOWN_HITS, DEEP_M = 3, 0.02
 NEAR_M = 0.6
 PATTERNS = ("kitti_sequence/velodyne/*.bin", "kitti_drive/*.laz")
 
 
 @dataclass(frozen=True, slots=True)
 class Carved:
-    """A scan with one hole in it: points (N, 3) in `sensor`, the hole's middle (2,), and how many hits it took."""
+    """A scan with one hole in it: points (N, 3) in `sensor`, the hole's middle (2,), and how many of its hits lie
+    deeper than 2 cm: a ring that meets the hole on its far slope ends above that, as on sound asphalt."""
 
     points_m: Float32Array
     centre_m: FloatArray
-    hits: int
+    deep_hits: int
+
+    @property
+    def is_shown(self) -> bool:
+        """Whether the scan has enough of the hole to be told from the road."""
+        return self.deep_hits >= SHOWN_HITS
 
 
 def carve(points_m: Float32Array, relief: Relief, centre_m: FloatArray, yaw_rad: float) -> Carved | None:
@@ -55,13 +63,13 @@ def carve(points_m: Float32Array, relief: Relief, centre_m: FloatArray, yaw_rad:
         return None
     moved = points.copy()
     cos, sin = math.cos(yaw_rad), math.sin(yaw_rad)
-    hits = 0
+    deep_hits = 0
     for i in on_road:
         reached = _reached(points[i], relief, centre_m, (cos, sin), plane)
         if reached is not None:
             moved[i] = reached
-            hits += 1
-    return Carved(moved.astype(np.float32), centre_m, hits)
+            deep_hits += _below(plane, reached, centre_m) - _below(plane, points[i], centre_m) > DEEP_M
+    return Carved(moved.astype(np.float32), centre_m, deep_hits)
 
 
 def _plane(points: FloatArray, centre_m: FloatArray) -> FloatArray:
@@ -72,6 +80,10 @@ def _plane(points: FloatArray, centre_m: FloatArray) -> FloatArray:
 
 def _height(plane: FloatArray, xy_m: FloatArray, centre_m: FloatArray) -> FloatArray:
     return np.asarray(plane[0] + (xy_m - centre_m) @ plane[1:])
+
+
+def _below(plane: FloatArray, point: FloatArray, centre_m: FloatArray) -> float:
+    return float(_height(plane, point[:2], centre_m) - point[2])
 
 
 def _reached(
@@ -95,10 +107,13 @@ def _reached(
 
 @dataclass(frozen=True, slots=True)
 class CarvedScore:
-    """By (length, distance): holes that were found, and that were carved where the road was free."""
+    """By (length, distance): holes that were found, that were carved where the road was free, that the scan shows at
+    all, and of those the found ones."""
 
     found: dict[tuple[float, float], int]
     tried: dict[tuple[float, float], int]
+    shown: dict[tuple[float, float], int]
+    found_of_shown: dict[tuple[float, float], int]
 
 
 def scans(data: Path) -> list[Path]:
@@ -116,7 +131,7 @@ def read_scan(path: Path) -> Float32Array:
 
 def run(paths: Sequence[Path], seed: int) -> Iterator[CarvedScore]:
     """The score so far after every scan: one hole of each size at each distance, in a scan of its own."""
-    score = CarvedScore({}, {})
+    score = CarvedScore({}, {}, {}, {})
     for number, path in enumerate(paths):
         points = read_scan(path)
         height_m = estimate_sensor_height(points)
@@ -127,7 +142,10 @@ def run(paths: Sequence[Path], seed: int) -> Iterator[CarvedScore]:
                 if carved is not None:
                     key = (size[0], distance)
                     score.tried[key] = score.tried.get(key, 0) + 1
-                    score.found[key] = score.found.get(key, 0) + _is_found(carved, height_m)
+                    is_found = _is_found(carved, height_m)
+                    score.found[key] = score.found.get(key, 0) + is_found
+                    score.shown[key] = score.shown.get(key, 0) + carved.is_shown
+                    score.found_of_shown[key] = score.found_of_shown.get(key, 0) + (is_found and carved.is_shown)
         yield score
 
 

@@ -35,6 +35,15 @@ def test_a_carved_ray_goes_on_along_its_line_to_the_holes_floor() -> None:
     assert np.hypot(before[:, 0] - 8.0, before[:, 1]).max() < 0.75
 
 
+@pytest.mark.parametrize(("depth_m", "is_shown"), [(0.15, True), (0.018, False)])
+def test_a_hole_is_shown_where_enough_rays_end_deep_in_it(depth_m: float, is_shown: bool) -> None:
+    scan = flat_scan()
+    carved = carve(scan, pothole(1, 0.9, 0.7, depth_m), np.array([8.0, 0.0]), 0.0)
+    assert carved is not None
+    assert carved.is_shown is is_shown
+    assert carved.deep_hits == (carved.points_m[:, 2] < -SENSOR_HEIGHT_M - 0.02).sum()
+
+
 def test_nothing_is_carved_where_something_stands() -> None:
     scan = flat_scan()
     blocked = (np.abs(scan[:, 0] - 8.3) < 0.3) & (np.abs(scan[:, 1]) < 0.5)
