@@ -10,6 +10,8 @@ from uuid import UUID
 
 import typer
 
+from headsup.log_commands import prune_log, replay_log
+
 if TYPE_CHECKING:
     from server.database import Database
     from server.keys import Keys
@@ -17,6 +19,8 @@ if TYPE_CHECKING:
 
 keys_app = typer.Typer(help="API keys of vehicles, readers and operators.", no_args_is_help=True)
 db_app = typer.Typer(help="The server's database.", no_args_is_help=True)
+db_app.command("replay")(replay_log)
+db_app.command("prune")(prune_log)
 _NAME_LENGTH = 64
 
 
@@ -49,7 +53,7 @@ def serve(
     from server.errors import ServiceError
     from server.running import run
 
-    settings = _settings(host=host, port=port, database_url=database_url)
+    settings = settings_with(host=host, port=port, database_url=database_url)
     try:
         exit_code = run(settings)
     except ServiceError as error:
@@ -125,10 +129,10 @@ def upgrade_database() -> None:
     async def upgrade(database: Database) -> None:
         typer.echo(f"the database is at {await schema.upgrade(database)}", err=True)
 
-    _with_database(upgrade)
+    with_database(upgrade)
 
 
-def _settings(**options: Any) -> Settings:
+def settings_with(**options: Any) -> Settings:
     """Settings from the environment and the options given; exits with a line for each that cannot be used."""
     from pydantic import ValidationError
 
@@ -151,17 +155,18 @@ def _with_keys(work: Callable[[Keys], Awaitable[None]]) -> None:
         await schema.prepare(database)
         await work(Keys(database, None))
 
-    _with_database(prepared)
+    with_database(prepared)
 
 
-def _with_database(work: Callable[[Database], Awaitable[None]]) -> None:
+def with_database(work: Callable[[Database], Awaitable[None]]) -> None:
+    """Run `work` on the database of the settings; exits with a line when it is refused or the database fails."""
     from sqlalchemy.exc import SQLAlchemyError
 
     from server.database import Database
     from server.errors import ServiceError
 
     async def opened() -> None:
-        database = Database.open(_settings().database_url)
+        database = Database.open(settings_with().database_url)
         try:
             await work(database)
         finally:
@@ -171,6 +176,8 @@ def _with_database(work: Callable[[Database], Awaitable[None]]) -> None:
         asyncio.run(opened())
     except ServiceError as error:
         _refuse(str(error))
+    except OSError as error:
+        _refuse(f"{error.filename or 'the system'}: {error.strerror}")
     except SQLAlchemyError as error:
         _refuse(f"the database failed: {error.__cause__ or error}")
 
