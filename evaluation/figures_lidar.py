@@ -79,7 +79,10 @@ def draw_lidar(path: Path, frame: Frame) -> None:
     brightest = float(np.quantile(heat, BRIGHTEST)) or 1.0
     shades = matplotlib.colormaps[HEAT](np.clip(heat / brightest, 0.0, 1.0))
     points = frame.points_m.astype(np.float64)
-    subtitle = f"{frame.source}: {len(points):,} points; boxes: what is reported, {len(classes.obstacles)} obstacle(s)"
+    subtitle = (
+        f"{frame.source}: {len(points):,} points; boxes: what is reported, {len(classes.obstacles)} in all; saliency "
+        f"from dark to red. Below: {AHEAD_M + BEHIND_M:.0f} x {2 * BESIDE_M:.0f} m from above, ahead to the right"
+    )
     figure = new_figure(14.0, 9.6, "Saliency map and segmentation of one sweep", subtitle)
     panels: tuple[tuple[str, Colours], ...] = (
         ("saliency map (method saliency)", shades),

@@ -37,7 +37,10 @@ def draw_scan(
     """A row for each density of one scan (N, 3), set into a flat road, with noise on every point."""
     rng = np.random.default_rng(seed)
     whole = compose(mould_mm, FLAT, rng)
-    subtitle = f"{source}, noise {noise_mm:g} mm, seed {seed}; RP, RR: share of pothole and road points called so"
+    subtitle = (
+        f"{source}, noise {noise_mm:g} mm, seed {seed}; red: pothole, blue: road; heat map from dark (0) to red (1); "
+        f"{_side_mm(whole):.0f} mm wide; RP, RR: share of pothole and road points called so"
+    )
     height = 1.0 + 3.15 * len(densities_percent)
     figure = new_figure(13.0, height, "A scanned pothole, thinner and thinner", subtitle)
     grid = figure.add_gridspec(
@@ -68,9 +71,8 @@ def _draw_row(axes: list[Axes], scene: Scene, dot_mm: float, first: bool) -> Non
         _two_colours(below_road(ours)),
     )
     hole = scene.points_mm[scene.truth, :2]
-    low, high = hole.min(axis=0), hole.max(axis=0)
-    reach = (0.5 + MARGIN) * float((high - low).max())
-    middle = 0.5 * (low + high)
+    reach = 0.5 * _side_mm(scene)
+    middle = 0.5 * (hole.min(axis=0) + hole.max(axis=0))
     for one, name, colour in zip(axes, names, colours, strict=True):
         from_above(one, scene.points_mm, colour, (dot_mm * PANEL_PT / (2.0 * reach)) ** 2)
         one.collections[0].set_cmap(HEAT)
@@ -81,6 +83,11 @@ def _draw_row(axes: list[Axes], scene: Scene, dot_mm: float, first: bool) -> Non
         called = below_road(detection)
         rp, rr = 100 * called[scene.truth].mean(), 100 * (~called[~scene.truth]).mean()
         one.set_xlabel(f"RP {rp:.2f} %   RR {rr:.2f} %", fontsize=9, color=SOFT)
+
+
+def _side_mm(scene: Scene) -> float:
+    """Side of what a panel shows."""
+    return (1.0 + 2.0 * MARGIN) * float(np.ptp(scene.points_mm[scene.truth, :2], axis=0).max())
 
 
 def _two_colours(hole: Mask) -> list[str]:

@@ -29,7 +29,10 @@ def first_frames(folder: Path) -> list[ScoredFrame]:
 def draw_stereo(path: Path, frames: list[ScoredFrame]) -> None:
     """Disparity, truth, estimate and their difference, a row a frame."""
     height = 0.95 + 2.1 * len(frames)
-    subtitle = "green: found and labelled; yellow: labelled only; red: found only; black: no match (frames: Fan et al.)"
+    subtitle = (
+        "green: found and labelled; yellow: labelled only; red: found only; disparity: red high, blue low, black no "
+        "match (frames: Fan et al.)"
+    )
     figure = new_figure(14.0, height, "Potholes in real stereo frames", subtitle)
     grid = figure.add_gridspec(
         len(frames), 4, left=0.03, right=0.995, top=1.0 - 0.95 / height, bottom=0.01, wspace=0.02, hspace=0.04

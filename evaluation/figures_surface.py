@@ -63,7 +63,13 @@ def draw_surface(path: Path, survey: Survey) -> None:
     axes = [figure.add_axes((left, 0.03, 0.205, 0.74)) for left in (0.012, 0.232, 0.487, 0.742)]
     x, y, height, residual = _rasters(points, detection)
     extent = (float(x[0]), float(x[-1]), float(y[0]), float(y[-1]))
-    _draw(axes[0], _shade(height, x, y), extent, "gray", "the cloud, in slanting light")
+    _draw(
+        axes[0],
+        _shade(height, x, y),
+        extent,
+        "gray",
+        f"the cloud, in slanting light, {extent[1] - extent[0]:.2f} m wide",
+    )
     road = height - residual
     _draw_scaled(figure, axes[1], 1e3 * (road - np.nanmin(road)), extent, HEIGHTS, "the road without it", "height, mm")
     _draw_scaled(figure, axes[2], 1e3 * residual, extent, DEPTHS, "residual", "mm from the road")
