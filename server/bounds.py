@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Iterator
 from dataclasses import dataclass
 
@@ -12,6 +13,15 @@ from server.quadkey import CELL_ZOOM, Ranges, merged
 _MOST_TILES = 16
 # Rounding of the inverse projection: a few units in the last place of 180.
 _ROUNDING_DEG = 1e-9
+
+# As text: longitudes, latitudes and heights as plain decimals, for the API's description.
+_LONGITUDE = r"-?(180(\.0+)?|(1[0-7][0-9]|[0-9]?[0-9])(\.[0-9]+)?)"
+_LATITUDE = r"-?(90(\.0+)?|[0-8]?[0-9](\.[0-9]+)?)"
+_HEIGHT = r"-?[0-9]{1,5}(\.[0-9]+)?"
+_CORNER = f"{_LONGITUDE},{_LATITUDE}"
+PATTERN = f"^{_CORNER},{_CORNER}$"
+PATTERN_WITH_HEIGHTS = f"^({_CORNER},{_CORNER}|{_CORNER},{_HEIGHT},{_CORNER},{_HEIGHT})$"
+_NUMBER = re.compile(r"-?[0-9]{1,5}(\.[0-9]{1,30})?")
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,13 +53,11 @@ class Bounds:
 
         Raises `ValueError` with what to write instead.
         """
-        try:
-            numbers = [float(number) for number in text.split(",")]
-        except ValueError:
-            numbers = []
-        if not all(map(math.isfinite, numbers)) or len(numbers) not in ((4, 6) if with_heights else (4,)):
+        parts = text.split(",")
+        if not all(map(_NUMBER.fullmatch, parts)) or len(parts) not in ((4, 6) if with_heights else (4,)):
             more = ", or west,south,lowest,east,north,highest" if with_heights else ""
             raise ValueError(f"bbox: write west,south,east,north in degrees{more}")
+        numbers = [float(part) for part in parts]
         if len(numbers) == 4:
             return cls(*numbers)
         west, south, lowest, east, north, highest = numbers

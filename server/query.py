@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from dataclasses import dataclass
 from datetime import datetime
 from typing import Annotated
@@ -14,7 +15,7 @@ from pydantic.json_schema import SkipJsonSchema
 from contract.geometry import Kind, LatLon, UtcDatetime
 from contract.observation import State
 from server.around import Ahead, Circle, Key
-from server.bounds import Bounds
+from server.bounds import PATTERN, Bounds
 from server.cursors import cursor_of, position_of
 from server.formats.names import FormatName
 
@@ -48,11 +49,20 @@ def _is_bounds(text: str) -> str:
     return text
 
 
-LATITUDE = r"-?(90(\.0+)?|[0-8]?\d(\.\d+)?)"
-LONGITUDE = r"-?(180(\.0+)?|(1[0-7]\d|\d?\d)(\.\d+)?)"
+def _is_rfc_3339(value: object) -> object:
+    # Numbers would be taken for seconds since 1970; and `+` in a query that was not encoded is a space.
+    if isinstance(value, str) and not _RFC_3339.fullmatch(value):
+        raise ValueError("write an RFC 3339 moment with its offset, as 2026-06-01T12:00:00Z (a + is %2B in a query)")
+    return value
+
+
+_RFC_3339 = re.compile(
+    r"[0-9]{4}-[0-9]{2}-[0-9]{2}[Tt][0-9]{2}:[0-9]{2}:[0-9]{2}(\.[0-9]{1,9})?([Zz]|[-+][0-9]{2}:[0-9]{2})"
+)
+Rfc3339 = Annotated[UtcDatetime, BeforeValidator(_is_rfc_3339)]
 _BBOX = Field(
     description="west,south,east,north in degrees; west > east runs across the antimeridian",
-    json_schema_extra={"pattern": f"^{LONGITUDE},{LATITUDE},{LONGITUDE},{LATITUDE}$"},
+    json_schema_extra={"pattern": PATTERN},
     examples=["21.70,38.20,21.78,38.28"],
 )
 KindList = Annotated[tuple[Kind, ...], BeforeValidator(split_commas), Field(description="repeated, or a comma list")]
@@ -82,7 +92,7 @@ class ObstacleQuery(Parameters):
     kind: KindList = ()
     state: StateList = ()
     min_confidence: Annotated[float, Field(ge=0, le=1, description="of the confidence as decayed to now")] = 0.0
-    seen_since: Annotated[UtcDatetime, Field(description="last seen at or after this RFC 3339 moment")] | Missing = None
+    seen_since: Annotated[Rfc3339, Field(description="last seen at or after this RFC 3339 moment")] | Missing = None
     heading_deg: (
         Annotated[float, Field(ge=0, le=360, description="clockwise from north: only what lies ahead of lat, lon")]
         | Missing

@@ -7,6 +7,7 @@ from typing import Annotated, Any
 from uuid import UUID
 
 from fastapi import APIRouter, Depends, Query, Request, Response
+from fastapi.responses import JSONResponse
 from pydantic import Field, model_validator
 
 from contract.history import ObstacleHistory
@@ -28,7 +29,7 @@ from server.versions import all_versions, points_of
 Features = tuple[ObstacleFeature, ...]
 
 
-class GeoJson(Response):
+class GeoJson(JSONResponse):
     """A GeoJSON answer (RFC 7946); the class tells the OpenAPI document its media type."""
 
     media_type = GEOJSON

@@ -17,6 +17,7 @@ from server import collection, representation
 from server.dependencies import CallerNow, PartsNow, bearer, refusals
 from server.errors import InvalidParameterError, ObstacleNotFoundError, complaints
 from server.features import feature_of
+from server.formats.registry import GEOJSON
 from server.obstacle import Obstacle
 from server.ogc import documents, features
 from server.ogc.models import Collection, Collections, Conformance, Items, LandingPage, SingleItem
@@ -53,6 +54,7 @@ ogc = APIRouter(
     dependencies=[Depends(bearer)],
     responses=refusals(
         s400="a parameter is unknown or does not fit",
+        s4XX="another refusal",
         s401="no key, or one that is unknown or revoked",
         s503="the database did not answer in time",
     ),
@@ -137,7 +139,7 @@ async def get_items(
         numberMatched=matched,
     )
     body = items.model_dump_json(exclude=None if query.count else {"numberMatched"}).encode()
-    return representation.answer(request, body, GeoJson.media_type, tag)
+    return representation.answer(request, body, GEOJSON, tag)
 
 
 @ogc.get(
@@ -157,7 +159,7 @@ async def get_item(request: Request, feature_id: str, base: BaseNow, _caller: Ca
     flat = features.item(feature_of(obstacle, parts.life))
     item = SingleItem(**dict(flat), links=documents.item_links(base, feature_id))
     tag = collection.tag([collection.mark_of(obstacle.id, obstacle.revision)], base)
-    return representation.answer(request, item.model_dump_json().encode(), GeoJson.media_type, tag)
+    return representation.answer(request, item.model_dump_json().encode(), GEOJSON, tag)
 
 
 async def _found(repository: Repository, feature_id: str) -> Obstacle:

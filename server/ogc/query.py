@@ -9,15 +9,14 @@ from uuid import UUID
 
 from pydantic import AfterValidator, Field, TypeAdapter, ValidationError, model_validator
 
-from contract.geometry import UtcDatetime
 from server.around import Key
-from server.bounds import Bounds
+from server.bounds import PATTERN_WITH_HEIGHTS, Bounds
 from server.cursors import cursor_of, position_of
-from server.query import Filters, KindList, Missing, Parameters, StateList
+from server.query import Filters, KindList, Missing, Parameters, Rfc3339, StateList
 
 WHOLE_EARTH = Bounds(-180.0, -90.0, 180.0, 90.0)
 MAX_LIMIT = 10_000
-_moment = TypeAdapter(UtcDatetime)
+_moment = TypeAdapter(Rfc3339)
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,7 +43,7 @@ class Interval:
         if is_interval and text in ("", ".."):
             return None
         try:
-            return _moment.validate_json(f'"{text}"')
+            return _moment.validate_python(text)
         except ValidationError:
             raise ValueError("datetime: write RFC 3339 moments with an offset, as 2026-06-01T12:00:00Z") from None
 
@@ -70,7 +69,7 @@ class ItemsQuery(Parameters):
             Field(
                 description="west,south,east,north in degrees, or west,south,lowest,east,north,highest with "
                 "ellipsoidal heights in metres; west > east runs across the antimeridian",
-                json_schema_extra={"pattern": r"^[-+.0-9eE]+(,[-+.0-9eE]+){3}((,[-+.0-9eE]+){2})?$"},
+                json_schema_extra={"pattern": PATTERN_WITH_HEIGHTS},
                 examples=["21.70,38.20,21.78,38.28"],
             ),
         ]

@@ -92,6 +92,7 @@ def test_six_numbers_are_a_box_with_heights() -> None:
         "a,b,c,d",
         "nan,0,1,1",
         "0,0,inf,1",
+        "1e1,0,20,1",
         "181,0,1,1",
         "0,2,1,1",
         "0,-91,1,1",
