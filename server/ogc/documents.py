@@ -14,7 +14,6 @@ from server.ogc.models import (
 )
 
 JSON, GEOJSON, HTML = "application/json", "application/geo+json", "text/html"
-OPENAPI = "application/vnd.oai.openapi+json;version=3.1"
 CRS84 = "http://www.opengis.net/def/crs/OGC/1.3/CRS84"
 COLLECTION_ID = "obstacles"
 # Not `oas30`: the description is OpenAPI 3.1.
@@ -28,7 +27,7 @@ def landing(base: str) -> LandingPage:
         description="Potholes, bumps and debris on roads, as vehicles saw them.",
         links=(
             _link("self", base, "this document"),
-            _link("service-desc", f"{base}/api", "the API's description", OPENAPI),
+            _link("service-desc", f"{base}/api", "the API's description"),
             _link("service-doc", f"{base.removesuffix('/ogc')}/docs", "the API's description for people", HTML),
             _link("conformance", f"{base}/conformance", "conformance classes"),
             _link("data", f"{base}/collections", "collections"),

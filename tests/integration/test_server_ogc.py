@@ -176,9 +176,12 @@ def test_ogr2ogr_copies_every_obstacle(tmp_path: Path) -> None:
             batch = ObservationBatch(sent_at=datetime.now(UTC), reports=reports)
             assert client.post("/v1/observations", content=batch.model_dump_json(), headers=JSON).status_code == 200
             served = client.get("/v1/obstacles", params={"bbox": "21,38,22,39"}).json()["features"]
+        described = gdal("ogrinfo", "-so", f"OAPIF:{url}/ogc", "obstacles")
         copied = copied_by_ogr(url, tmp_path / "copy.geojson", "-oo", "PAGE_SIZE=50")
         boxed = copied_by_ogr(url, tmp_path / "box.geojson", "-spat", "21.7", "38.25", "21.8", "38.3")
     assert len(served) == 180
+    assert "length_m: Real" in described
+    assert "first_seen: DateTime" in described
     assert {row["properties"]["revision"] for row in copied} == {1}
     assert places(copied) == places(served)
     assert {row["properties"]["kind"] for row in copied} == {"pothole"}
@@ -187,13 +190,17 @@ def test_ogr2ogr_copies_every_obstacle(tmp_path: Path) -> None:
     assert places(boxed) == places(north)
 
 
-def copied_by_ogr(url: str, target: Path, *options: str) -> list[dict[str, Any]]:
-    """Every feature that ogr2ogr reads and writes."""
+def gdal(*command: str) -> str:
     environment = os.environ | {"GDAL_HTTP_HEADERS": f"Authorization: Bearer {KEY}", "NO_PROXY": "*"}
-    source = ["ogr2ogr", str(target), f"OAPIF:{url}/ogc", "obstacles", *options]
-    done = subprocess.run(source, capture_output=True, text=True, timeout=60, check=False, env=environment)
+    done = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False, env=environment)
     assert done.returncode == 0, done.stderr
     assert "ERROR" not in done.stderr
+    return done.stdout
+
+
+def copied_by_ogr(url: str, target: Path, *options: str) -> list[dict[str, Any]]:
+    """Every feature that ogr2ogr reads and writes."""
+    gdal("ogr2ogr", str(target), f"OAPIF:{url}/ogc", "obstacles", *options)
     return list(json.loads(target.read_text())["features"])
 
 
