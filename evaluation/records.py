@@ -10,7 +10,7 @@ import csv
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
-from datetime import UTC, datetime, timedelta
+from datetime import UTC, datetime
 from itertools import groupby
 from math import inf
 from pathlib import Path
@@ -92,7 +92,7 @@ def read_records(path: Path) -> tuple[list[Record], bool]:
 async def replay_records(
     records: Sequence[Record], accuracy_m: float, url: str, progress: Callable[[int], None]
 ) -> Replayed:
-    """Decide records on a fresh database, day by day; what has expired by the end of a day is removed."""
+    """Decide records on a fresh database, day by day; what has expired by a morning is removed then."""
     # Minutes are too coarse to tell a drive across the town from one down the street.
     policy = replace(COOPERATION, plausibility=replace(COOPERATION.plausibility, greatest_speed_mps=inf))
     database = Database.open(url)
@@ -102,11 +102,11 @@ async def replay_records(
         decisions: Counter[str] = Counter()
         for day, group in groupby(_parcels(records, accuracy_m), key=lambda parcel: parcel.received_at.date()):
             parcels = list(group)
+            morning = datetime(day.year, day.month, day.day, tzinfo=UTC)
+            while await upkeep.sweep(morning):
+                pass
             for start in range(0, len(parcels), GREATEST_GROUP):
                 decisions += await _decided(database, parcels[start : start + GREATEST_GROUP], policy)
-            evening = datetime(day.year, day.month, day.day, tzinfo=UTC) + timedelta(days=1)
-            while await upkeep.sweep(evening):
-                pass
             progress(len(parcels))
         return await _counted(database, len(records), decisions)
     finally:
