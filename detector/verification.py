@@ -37,9 +37,9 @@ NARROW_M = 0.2
 # Hits over the density of the road around them: what is hit of the smallest hole that is looked for.
 MIN_HOLE_AREA_M2 = 0.02
 # Hits over those a metre of the same rings has beside it: less is a crack, or one hit astray on each ring.
-MIN_WIDTH_M = 0.08
+MIN_WIDTH_M = 0.06
 # A dip as narrow and as shallow as this is the texture of a road.
-TEXTURE_WIDTH_M, TEXTURE_DEPTH_M = 0.15, 0.03
+TEXTURE_WIDTH_M, TEXTURE_DEPTH_M = 0.12, 0.03
 # Around an obstacle the road is less than this share of it off the surface; more, and the surface is off.
 MAX_BESIDE_SHARE = 0.5
 
