@@ -83,7 +83,11 @@ async def test_what_was_repaired_and_is_seen_again_is_a_new_obstacle(client: htt
     answer = await act(client, identifier, CONFIRM)
     assert (answer.status_code, answer.json()["type"]) == (409, "urn:headsup:problem:obstacle-removed")
     (late,) = await posted(client, message(detection(), vehicle="ego2", at=ago(1)))
-    assert late.detections[0].decision == "superseded"
+    assert (late.detections[0].decision, late.detections[0].obstacle_id) == ("superseded", identifier)
+    (again,) = await posted(client, message(detection(), vehicle="ego3", at=ago(0)))
+    assert again.detections[0].decision == "created"
+    (feature,) = await obstacles(client, **AROUND_PATRAS)
+    assert feature.properties.succeeds == identifier
 
 
 async def test_an_action_on_what_has_changed_is_refused(client: httpx.AsyncClient) -> None:
