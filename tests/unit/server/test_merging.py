@@ -37,7 +37,7 @@ def test_two_that_agree_and_were_never_seen_together_merge_into_the_older() -> N
     older, younger = sorted(road.obstacles.values(), key=lambda item: item.id)
     # Ten passes between them draw one over.
     for number in range(10):
-        between = PATRAS.model_copy(update={"latitude_deg": PATRAS.latitude_deg + 1.0 / 111_000})
+        between = PATRAS.model_copy(update={"latitude_deg": PATRAS.latitude_deg + 0.95 / 111_000})
         road.sees(f"other{number}", NOON + (2 + number) * HOUR, detection(0, 0), pose_sd_m=0.5, position=between)
     live = [item for item in road.obstacles.values() if item.is_live]
     assert [item.id for item in live] == [older.id]
