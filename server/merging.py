@@ -1,7 +1,7 @@
 """When two stored obstacles turn out to be one, and what becomes of them. Pure.
 
-Server rules, "Matching": two of one sign whose positions agree at 95 %, and that no report ever saw side by side,
-merge; the older id stays.
+Server rules, "Matching": two of one sign whose positions agree at 95 %, and that nobody ever saw side by side, merge;
+the older id stays.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ _MOST_NEIGHBOURS = 32
 
 
 def told_apart(seen: Sequence[Obstacle], policy: Matching) -> dict[UUID, Obstacle]:
-    """The obstacles that one report saw side by side, each knowing the others near it; only those that learned."""
+    """Obstacles that one vehicle saw side by side, each knowing the others near it; only those that learned."""
     near: dict[UUID, set[UUID]] = {}
     for a, b in combinations(seen, 2):
         if _apart_m(a, b) <= policy.merging_reach_m:

@@ -66,8 +66,8 @@ class Obstacle:
     """One obstacle. `version` counts shapes, `revision` every change of a served field.
 
     `witness_count` counts all who saw it; `evidence` holds the records that a decision may need: that of the reporting
-    witness, and all since `absent_since`, the first open absence. `distinct_from` are obstacles that one report saw
-    beside this one.
+    witness, and all since `absent_since`, the first open absence. `distinct_from` are obstacles that one vehicle
+    saw beside this one.
     """
 
     id: UUID

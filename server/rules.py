@@ -105,9 +105,17 @@ class _Reading:
         return decision
 
     def _told_apart(self) -> list[Decision]:
-        seen = [self._current[identifier] for identifier in dict.fromkeys(self._obstacle_of.values())]
+        """What one vehicle saw side by side, in one report or in one pass, is never one."""
+        if not self._obstacle_of:
+            return []
+        reported = set(self._obstacle_of.values())
+        seen = [item for item in self._current.values() if item.id in reported or self._saw_in_this_pass(item)]
         learned = merging.told_apart(seen, self._policy.matching)
         return [self._kept(Decision(Aftermath.TOLD_APART, "side-by-side", None, item)) for item in learned.values()]
+
+    def _saw_in_this_pass(self, obstacle: Obstacle) -> bool:
+        witness = evidence.witness_of(obstacle, self._report.witness)
+        return obstacle.is_live and evidence.is_same_pass(witness, self._at, self._policy.times)
 
     def _merged(self) -> list[Decision]:
         """Obstacles of this report that turn out to be another one, now that their places are known better."""

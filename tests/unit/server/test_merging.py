@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from datetime import timedelta
 
 from hypothesis import given
 from hypothesis import strategies as st
@@ -54,6 +55,15 @@ def test_neighbours_that_one_report_saw_side_by_side_never_merge() -> None:
     for number in range(5):
         road.sees(f"ego{number + 2}", NOON + number * HOUR, detection(0.4, 0, 500, 400), pose_sd_m=0.1)
     assert sum(item.is_live for item in road.obstacles.values()) == 2
+
+
+def test_neighbours_reported_one_by_one_in_one_pass_never_merge() -> None:
+    """A vehicle may report each obstacle when it has passed it."""
+    road = Road()
+    road.sees("ego1", NOON, detection(0, 0), pose_sd_m=0.1)
+    road.sees("ego1", NOON + timedelta(seconds=5), detection(4, 0), pose_sd_m=0.1)
+    a, b = road.obstacles.values()
+    assert (a.distinct_from, b.distinct_from) == ({b.id}, {a.id})
 
 
 def test_being_told_apart_is_not_served_and_makes_no_revision() -> None:
