@@ -15,6 +15,7 @@ from uuid import UUID
 import numpy as np
 import pymap3d
 from geographiclib.geodesic import Geodesic
+from numpy.typing import NDArray
 
 from contract.geometry import LatLon
 from server.geodesy import FloatArray
@@ -34,14 +35,14 @@ class Ahead:
     heading_rad: float
     width_m: float | None = None
 
-    def holds(self, distance_m: float, azimuth_rad: float, margin_m: float = 0.0) -> bool:
+    def holds(self, distance_m: float, azimuth_rad: float) -> bool:
         """Whether the place at that distance and azimuth lies ahead."""
         turn_rad = azimuth_rad - self.heading_rad
         along_m, across_m = distance_m * math.cos(turn_rad), distance_m * math.sin(turn_rad)
         # A right angle has a cosine of 6e-17 in floats.
-        if along_m < -margin_m - 1e-9:
+        if along_m < -1e-9:
             return False
-        return self.width_m is None or abs(across_m) <= self.width_m / 2 + margin_m
+        return self.width_m is None or abs(across_m) <= self.width_m / 2
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,11 +53,11 @@ class Circle:
     radius_m: float
     ahead: Ahead | None = None
 
-    def holds(self, distance_m: float, azimuth_rad: float, margin_m: float = 0.0) -> bool:
+    def holds(self, distance_m: float, azimuth_rad: float) -> bool:
         """Whether the place at that distance and azimuth lies inside."""
-        if distance_m > self.radius_m + margin_m:
+        if distance_m > self.radius_m:
             return False
-        return self.ahead is None or self.ahead.holds(distance_m, azimuth_rad, margin_m)
+        return self.ahead is None or self.ahead.holds(distance_m, azimuth_rad)
 
 
 @dataclass(frozen=True, slots=True, order=True)
@@ -75,12 +76,9 @@ def nearest(circle: Circle, ids: Sequence[UUID], places_deg: FloatArray, after: 
     distances_m, azimuths_rad = _approximate(places_deg, circle.centre)
     first_m = 0.0 if after is None else after.distance_m - _APPROXIMATION_M
     waiting: list[Key] = []
-    for index in np.argsort(distances_m, kind="stable"):
+    possible = np.flatnonzero((distances_m >= first_m) & _may_hold(circle, distances_m, azimuths_rad))
+    for index in possible[np.argsort(distances_m[possible], kind="stable")]:
         about_m = float(distances_m[index])
-        if about_m > circle.radius_m + _APPROXIMATION_M:
-            break
-        if about_m < first_m or not circle.holds(about_m, float(azimuths_rad[index]), _APPROXIMATION_M):
-            continue
         while waiting and waiting[0].distance_m < about_m - _APPROXIMATION_M:
             yield heapq.heappop(waiting)
         distance_m, azimuth_rad = geodesic(circle.centre, *map(float, places_deg[index]))
@@ -97,6 +95,18 @@ def geodesic(centre: LatLon, latitude_deg: float, longitude_deg: float) -> tuple
         centre.latitude_deg, centre.longitude_deg, latitude_deg, longitude_deg, Geodesic.DISTANCE | Geodesic.AZIMUTH
     )
     return float(solution["s12"]), math.radians(solution["azi1"])
+
+
+def _may_hold(circle: Circle, distances_m: FloatArray, azimuths_rad: FloatArray) -> NDArray[np.bool_]:
+    """What lies inside, or so near to the edge that the approximation cannot tell."""
+    inside = distances_m <= circle.radius_m + _APPROXIMATION_M
+    if circle.ahead is None:
+        return inside
+    turns_rad = azimuths_rad - circle.ahead.heading_rad
+    inside &= distances_m * np.cos(turns_rad) >= -_APPROXIMATION_M
+    if circle.ahead.width_m is not None:
+        inside &= np.abs(distances_m * np.sin(turns_rad)) <= circle.ahead.width_m / 2 + _APPROXIMATION_M
+    return inside
 
 
 def _approximate(places_deg: FloatArray, centre: LatLon) -> tuple[FloatArray, FloatArray]:

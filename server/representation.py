@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import gzip
+import re
 from collections.abc import Sequence
 from typing import Any
 from urllib.parse import urlencode
@@ -15,6 +16,7 @@ from contract.obstacle import Link
 _LEAST_GZIP_BYTES = 1_024
 # Level 5 saves within 3 % of what level 9 does, at a third of its time.
 _GZIP_LEVEL = 5
+_NOT_AT_ALL = re.compile(r";q=0(\.0*)?$")
 TAGGED = {"ETag": {"description": "for If-None-Match", "schema": {"type": "string"}}}
 UNCHANGED: dict[str, Any] = {"description": "what the caller has (`If-None-Match`) is current", "headers": TAGGED}
 
@@ -57,7 +59,7 @@ def _headers(tag: str, links: Sequence[Link]) -> dict[str, str]:
 
 def _takes_gzip(request: Request) -> bool:
     accepted = request.headers.get("accept-encoding", "").lower().replace(" ", "").split(",")
-    return "gzip" in accepted or any(item.startswith("gzip;q=") and item[7:] not in ("0", "0.0") for item in accepted)
+    return any(item.partition(";")[0] == "gzip" and not _NOT_AT_ALL.search(item) for item in accepted)
 
 
 def _opaque(tag: str) -> str:

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
+import asyncio
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
 from datetime import datetime, timedelta
 from itertools import islice
 from uuid import UUID
 
 import numpy as np
-from sqlalchemy import ColumnElement, and_, func, or_, select, tuple_
+from sqlalchemy import ColumnElement, Row, RowMapping, and_, func, or_, select, tuple_
 from sqlalchemy.ext.asyncio import AsyncConnection
 
 from contract.geometry import Kind
@@ -21,10 +22,14 @@ from server.bounds import Bounds
 from server.identity import shard_of_id
 from server.obstacle import Obstacle
 from server.policy import Life
-from server.quadkey import Ranges, cover
+from server.quadkey import CELL_ZOOM, Ranges, cover
 from server.query import Filters
 
 _TABLE = tables.obstacle
+# Below this a circle is a few pages of the index, whatever it holds.
+_LEAST_TRIED_M = 300.0
+# A tile of zoom 9, 78 km wide at the equator: what it holds is sorted faster than a whole table is walked through.
+_NARROW_CELLS = 4 ** (CELL_ZOOM - 9)
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,23 +48,27 @@ class Search:
 
     async def around(self, circle: Circle, filters: Filters, after: Key | None, limit: int) -> Page:
         """A page of a circle by distance and id. Places are read first, whole obstacles only of the page."""
-        inside = and_(_in_cells(cover(circle.centre, circle.radius_m)), *self._conditions(filters))
-        query = select(_TABLE.c.id, _TABLE.c.latitude_deg, _TABLE.c.longitude_deg).where(inside).order_by(_TABLE.c.id)
-        found = (await self._connection.execute(query)).all()
-        places_deg = np.array([(row.latitude_deg, row.longitude_deg) for row in found], dtype=np.float64).reshape(-1, 2)
-        keys = list(islice(nearest(circle, [row.id for row in found], places_deg, after), limit + 1))
+        keys: list[Key] = []
+        for radius_m in _widening_m(circle.radius_m, after):
+            keys = await self._keys(replace(circle, radius_m=radius_m), filters, after, limit + 1)
+            if len(keys) > limit:
+                break
         obstacles = await self._whole([key.id for key in keys[:limit]])
         return Page(obstacles, keys[limit - 1] if len(keys) > limit else None)
 
     async def inside(self, bounds: Bounds, filters: Filters, after: Key | None, limit: int) -> Page:
         """A page of a box by id: by the shard in it, then the whole id, which is the primary key's order."""
-        key = tuple_(_TABLE.c.shard, _TABLE.c.id)
+        ranges = bounds.cover()
+        shard: ColumnElement[int] = _TABLE.c.shard
+        if sum(high - low + 1 for low, high in ranges) <= _NARROW_CELLS:
+            # As an expression it cannot tempt the planner to walk through the primary key instead of the cells.
+            shard = shard + 0
         query = select(_TABLE).where(_within(bounds), *self._conditions(filters))
         if after is not None:
-            query = query.where(key > (shard_of_id(after.id), after.id))
-        query = query.order_by(_TABLE.c.shard, _TABLE.c.id).limit(limit + 1)
+            query = query.where(tuple_(shard, _TABLE.c.id) > (shard_of_id(after.id), after.id))
+        query = query.order_by(shard, _TABLE.c.id).limit(limit + 1)
         found = (await self._connection.execute(query)).mappings().all()
-        obstacles = tuple(map(rows.obstacle_of, found[:limit]))
+        obstacles = await asyncio.to_thread(_obstacles, found[:limit])
         return Page(obstacles, Key(0.0, obstacles[-1].id) if len(found) > limit else None)
 
     async def count(self, bounds: Bounds, filters: Filters) -> int:
@@ -67,13 +76,20 @@ class Search:
         query = select(func.count()).select_from(_TABLE).where(_within(bounds), *self._conditions(filters))
         return int((await self._connection.execute(query)).scalar_one())
 
+    async def _keys(self, circle: Circle, filters: Filters, after: Key | None, limit: int) -> list[Key]:
+        inside = and_(_in_cells(cover(circle.centre, circle.radius_m)), *self._conditions(filters))
+        query = select(_TABLE.c.id, _TABLE.c.latitude_deg, _TABLE.c.longitude_deg).where(inside).order_by(_TABLE.c.id)
+        found = (await self._connection.execute(query)).all()
+        # In a thread: thousands of geodesics must not hold up those who ask for what is near.
+        return await asyncio.to_thread(_nearest, circle, found, after, limit)
+
     async def _whole(self, identifiers: Sequence[UUID]) -> tuple[Obstacle, ...]:
         if not identifiers:
             return ()
         shards = sorted(set(map(shard_of_id, identifiers)))
         query = select(_TABLE).where(_TABLE.c.shard.in_(shards), _TABLE.c.id.in_(identifiers))
         found = {row["id"]: row for row in (await self._connection.execute(query)).mappings()}
-        return tuple(rows.obstacle_of(found[identifier]) for identifier in identifiers if identifier in found)
+        return await asyncio.to_thread(_obstacles, [found[item] for item in identifiers if item in found])
 
     def _conditions(self, filters: Filters) -> list[ColumnElement[bool]]:
         conditions = [self._in_state(filters.states)]
@@ -101,6 +117,24 @@ class Search:
 
     def _lasts(self, kind: Kind, seconds: float) -> ColumnElement[bool]:
         return and_(_TABLE.c.kind == kind.value, _TABLE.c.expires_at >= self._now + timedelta(seconds=seconds))
+
+
+def _obstacles(found: Sequence[RowMapping]) -> tuple[Obstacle, ...]:
+    return tuple(map(rows.obstacle_of, found))
+
+
+def _nearest(circle: Circle, found: Sequence[Row[UUID, float, float]], after: Key | None, limit: int) -> list[Key]:
+    places_deg = np.array([(row[1], row[2]) for row in found], dtype=np.float64).reshape(-1, 2)
+    return list(islice(nearest(circle, [row[0] for row in found], places_deg, after), limit))
+
+
+def _widening_m(radius_m: float, after: Key | None) -> Iterator[float]:
+    """Radii to try until the page is full, each of 16 times the area, so that the last one costs nearly all."""
+    for share in (64, 16, 4):
+        tried_m = radius_m / share
+        if tried_m >= _LEAST_TRIED_M and (after is None or tried_m > after.distance_m):
+            yield tried_m
+    yield radius_m
 
 
 def _within(bounds: Bounds) -> ColumnElement[bool]:
