@@ -6,9 +6,10 @@ The paper's section on storage and communication, made exact: plausible, known, 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from datetime import datetime
 from enum import StrEnum
+from operator import attrgetter
 from uuid import UUID
 
 from contract.geometry import Kind
@@ -363,16 +364,8 @@ def _revised(before: Obstacle, after: Obstacle) -> Obstacle:
     return after if _served(before) == _served(after) else replace(after, revision=before.revision + 1)
 
 
-def _served(obstacle: Obstacle) -> Obstacle:
-    return replace(
-        obstacle,
-        evidence=(),
-        references=(),
-        pending=None,
-        absent_since=None,
-        kind_votes={},
-        distinct_from=frozenset(),
-    )
+_UNSERVED = {"evidence", "references", "pending", "absent_since", "kind_votes", "distinct_from"}
+_served = attrgetter(*(field.name for field in fields(Obstacle) if field.name not in _UNSERVED))
 
 
 def _distrusted(message: ObservationReport) -> list[Decision]:
