@@ -19,6 +19,10 @@ from detector.verification import Candidates, candidates_of, likely
 # Deeper than manhole covers sink (2 cm), and the same the other way.
 MIN_RELIEF_M = 0.025
 FLAG_SD = 3.0
+# Gutters are paved 3 cm deep, and last as holes do; what is shallower has to be seen by a single sweep.
+MIN_HOLE_RELIEF_M = 0.0375
+# What lies behind the rear axle was judged while it lay ahead.
+LEAST_ALONG_M = -2.0
 # What ten sweeps agree on is asked to be surer than what one shows: it is looked at ten times as often.
 MIN_CONFIDENCE = 0.94
 # Boxes this far apart are two obstacles.
@@ -45,7 +49,8 @@ def detect_over_frames(
     holes, rises = grid_candidates(deviations, corridor)
     clusters = likely(holes, GRID_HOLE_WEIGHTS, MIN_CONFIDENCE) + likely(rises, GRID_RISE_WEIGHTS, MIN_CONFIDENCE)
     points = _cells_in_sensor(deviations, corridor, sweep.sensor_height_m)
-    together = [_obstacle(points, deviations, cluster, len(state.recent)) for cluster in clusters]
+    found = [_obstacle(points, deviations, cluster, len(state.recent)) for cluster in clusters]
+    together = [o for o in found if not o.kind.is_negative or o.relief_m >= MIN_HOLE_RELIEF_M]
     alone = [o for o in detection.obstacles if o.confidence >= MIN_CONFIDENCE and not _is_among(o, together)]
     return (*together, *alone)
 
@@ -63,6 +68,7 @@ def grid_candidates(deviations: Deviations, corridor: Corridor) -> tuple[Candida
     """Clusters of low and of high cells."""
     inside = deviations.across_m < corridor.left_m - EDGE_MARGIN_M
     inside &= deviations.across_m > corridor.right_m + EDGE_MARGIN_M
+    inside &= deviations.along_m > LEAST_ALONG_M
     limit = np.maximum(FLAG_SD * deviations.noise_m, MIN_RELIEF_M)
     low, high = inside & (deviations.residual_m < -limit), inside & (deviations.residual_m > limit)
     return candidates_of(deviations, low, True, corridor, CELL_M), candidates_of(

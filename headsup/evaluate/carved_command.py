@@ -42,10 +42,11 @@ def carved(
     except (OSError, SourceError, DetectorError) as error:
         typer.secho(f"headsup evaluate carved: {error}", err=True, fg=typer.colors.RED)
         raise typer.Exit(1) from error
+    typer.echo("found / carved (of which the sweep has at least 3 returns deeper than 2 cm)")
     typer.echo("| hole | " + " | ".join(f"{distance:.0f} m" for distance in DISTANCES_M) + " |")
     typer.echo("|---|" + "---|" * len(DISTANCES_M))
     for size in SIZES_M:
         keys = [(size[0], distance) for distance in DISTANCES_M]
-        cells = [f"{score.found.get(k, 0)}/{score.tried.get(k, 0)}" for k in keys]
+        cells = [f"{score.found.get(k, 0)}/{score.tried.get(k, 0)} ({score.shown.get(k, 0)})" for k in keys]
         name = f"{100 * size[0]:.0f} x {100 * size[1]:.0f} cm, {100 * size[2]:.0f} cm deep"
         typer.echo(f"| {name} | " + " | ".join(cells) + " |")
