@@ -77,6 +77,7 @@ def test_pages_put_together_are_the_whole(circle: Circle, offsets: list[tuple[fl
     ]:
         found += page
         after = page[-1]
+        assert len(found) <= len(offsets), "a page repeats what was on another"
     assert found == brute_force(circle, places_deg)
 
 

@@ -76,6 +76,11 @@ def test_across_the_antimeridian_both_sides_belong_to_the_box() -> None:
     assert fiji.longitude_spans[:2] == ((179.0, 180.0), (-180.0, -179.0))
 
 
+def test_a_box_that_ends_at_the_antimeridian_holds_it_by_both_names() -> None:
+    assert (-180.0, -180.0) in Bounds(170, 0, 180, 1).longitude_spans
+    assert (180.0, 180.0) in Bounds(-180, 0, -170, 1).longitude_spans
+
+
 def test_six_numbers_are_a_box_with_heights() -> None:
     box = Bounds.parsed("1,2,-10,3,4,50", with_heights=True)
     assert (box.west_deg, box.south_deg, box.east_deg, box.north_deg) == (1, 2, 3, 4)
