@@ -7,19 +7,25 @@ from collections.abc import AsyncIterator
 from contextlib import AsyncExitStack, asynccontextmanager
 from pathlib import Path
 
+import asyncpg
 from sqlalchemy import Connection, event
 from sqlalchemy.engine.interfaces import DBAPIConnection
 from sqlalchemy.exc import DBAPIError
+from sqlalchemy.exc import TimeoutError as PoolTimeoutError
 from sqlalchemy.ext.asyncio import AsyncConnection, AsyncEngine, create_async_engine
-from sqlalchemy.pool import ConnectionPoolEntry
+from sqlalchemy.pool import ConnectionPoolEntry, QueuePool
 
 from server.errors import UnavailableError
 
 # Well below a request's deadline, so that it is the request that gives up; commands wait this long.
 _BUSY_TIMEOUT_MS = 2_000
-# PostgreSQL: serialization failure, deadlock, unique violation.
-_STATES_WORTH_A_RETRY = frozenset({"40001", "40P01", "23505"})
+# A page of the widest search takes a second; a database that stands still must not hold its readers for ever.
+_READ_DEADLINE_S = 10.0
+# PostgreSQL: serialization failure, deadlock, unique violation, too many connections; shut down, crashed, starting.
+_STATES_WORTH_A_RETRY = frozenset({"40001", "40P01", "23505", "53300", "57P01", "57P02", "57P03"})
 _SQLITE_WORTH_A_RETRY = ("database is locked", "UNIQUE constraint failed")
+# While it starts, asyncpg's own errors come through SQLAlchemy as they are.
+_NOT_CONNECTED = (OSError, DBAPIError, PoolTimeoutError, asyncpg.PostgresError, asyncpg.InterfaceError)
 _WRITES = "headsup_writes"
 
 
@@ -35,7 +41,8 @@ class Database:
     def open(cls, url: str) -> Database:
         """A database by its SQLAlchemy URL; nothing is connected yet."""
         # JSON columns are text on both engines: the tables' types parse it (asyncpg's codec would do so before them).
-        engine = create_async_engine(url, pool_pre_ping=True, json_deserializer=str)
+        # Values of statements are what vehicles sent: they must not get into the text of an error.
+        engine = create_async_engine(url, pool_pre_ping=True, json_deserializer=str, hide_parameters=True)
         if engine.dialect.name == "sqlite":
             folder = Path(engine.url.database or "").parent
             if not folder.is_dir():
@@ -49,11 +56,28 @@ class Database:
         """Whether it is the embedded database."""
         return self._writer is not None
 
+    @property
+    def connections(self) -> tuple[int, int]:
+        """How many connections are in use, and how many are open and idle."""
+        pool = self._engine.pool
+        assert isinstance(pool, QueuePool)  # noqa: S101  # of every asynchronous engine
+        return pool.checkedout(), pool.checkedin()
+
     @asynccontextmanager
     async def read(self) -> AsyncIterator[AsyncConnection]:
-        """A connection for reading, in one transaction."""
-        async with AsyncExitStack() as stack:
-            yield await self._connected(stack)
+        """A connection for reading, in one transaction.
+
+        Raises `UnavailableError` when the database is lost meanwhile, or does not answer in time.
+        """
+        try:
+            async with asyncio.timeout(_READ_DEADLINE_S), AsyncExitStack() as stack:
+                yield await self._connected(stack)
+        except TimeoutError:
+            raise UnavailableError("the database did not answer in time") from None
+        except DBAPIError as error:
+            if not is_worth_a_retry(error):
+                raise
+            raise UnavailableError("the database was lost while it answered") from error
 
     @asynccontextmanager
     async def snapshot(self) -> AsyncIterator[AsyncConnection]:
@@ -79,7 +103,7 @@ class Database:
     async def _connected(self, stack: AsyncExitStack) -> AsyncConnection:
         try:
             return await stack.enter_async_context(self._engine.connect())
-        except (OSError, DBAPIError) as error:
+        except _NOT_CONNECTED as error:
             raise UnavailableError("the database cannot be opened") from error
 
     async def close(self) -> None:
