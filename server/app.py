@@ -9,17 +9,22 @@ from contextlib import asynccontextmanager
 from importlib.metadata import version
 
 from fastapi import FastAPI
+from starlette.middleware.cors import CORSMiddleware
 
 from contract.observation import MAX_BODY_BYTES
 from server import endpoints, errors
+from server.admission import Admission
 from server.body_limit import BodyLimit
 from server.database import Database
+from server.edge import Edge
 from server.endpoints import Parts
 from server.keys import Keys
+from server.metrics import Metrics, RequestCounts
 from server.nearby import Nearby
 from server.nearby_route import NearbyRoute
 from server.operators import Operators
-from server.policy import policy_named
+from server.policy_file import policy_of
+from server.readiness import Readiness
 from server.repository import Repository
 from server.service import Service
 from server.settings import Settings
@@ -30,12 +35,14 @@ from server.upkeep import Upkeep
 
 def create_app(settings: Settings) -> FastAPI:
     """The obstacle service as an ASGI application; the database is opened by its lifespan."""
+    counts = RequestCounts()
 
     @asynccontextmanager
     async def lifespan(app: FastAPI) -> AsyncIterator[None]:
         database = Database.open(settings.database_url)
         try:
             app.state.parts = await _parts(database, settings)
+            app.state.metrics = Metrics(app.state.parts, counts)
             async with app.state.parts.service.running(), _background(app.state.parts.upkeep.run()):
                 yield
         finally:
@@ -47,12 +54,27 @@ def create_app(settings: Settings) -> FastAPI:
         version=version("headsup"),
         lifespan=lifespan,
     )
-    app.add_middleware(BodyLimit, limit_bytes=MAX_BODY_BYTES)
+    app.state.settings, app.state.readiness = settings, Readiness()
+    _wrap(app, settings, counts)
     errors.install(app)
     app.router.routes.append(NearbyRoute())
     for router in endpoints.ROUTERS:
         app.include_router(router)
     return app
+
+
+def _wrap(app: FastAPI, settings: Settings, counts: RequestCounts) -> None:
+    """Layers around the routes; the last one added is the outermost."""
+    app.add_middleware(BodyLimit, limit_bytes=MAX_BODY_BYTES)
+    if settings.cors_origins:
+        app.add_middleware(
+            CORSMiddleware,
+            allow_origins=settings.cors_origins,
+            allow_methods=["GET"],
+            allow_headers=["Authorization", "If-None-Match"],
+            expose_headers=["ETag", "Link", "Retry-After", "X-Request-Id"],
+        )
+    app.add_middleware(Edge, counts=counts, log_requests=settings.log_requests)
 
 
 @asynccontextmanager
@@ -67,7 +89,7 @@ async def _background(work: Coroutine[None, None, None]) -> AsyncIterator[None]:
 
 
 async def _parts(database: Database, settings: Settings) -> Parts:
-    keys, hub, policy = Keys(database, settings.bootstrap_operator_key), Hub(), policy_named(settings.policy)
+    keys, hub, policy = Keys(database, settings.bootstrap_operator_key), Hub(), policy_of(settings)
     await make_ready(database, keys, settings)
     async with database.write() as connection:
         secret = await Repository(connection, policy.life).secret("witness", secrets.token_hex(32))
@@ -77,4 +99,4 @@ async def _parts(database: Database, settings: Settings) -> Parts:
         database, policy, secret, settings.write_deadline_s, hub.publish, distrusted=lambda: upkeep.distrusted
     )
     nearby = Nearby(database, policy.life, settings.cache_mib << 20)
-    return Parts(database, keys, service, hub, policy.life, operators, nearby, upkeep)
+    return Parts(database, keys, Admission(keys, settings), service, hub, policy.life, operators, nearby, upkeep)

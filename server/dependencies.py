@@ -9,6 +9,7 @@ from fastapi import Depends, Request
 from fastapi.security import HTTPBearer
 from pydantic import BaseModel, ConfigDict
 
+from server.admission import Admission
 from server.database import Database
 from server.errors import PROBLEM_JSON, ForbiddenError, UnsupportedMediaTypeError
 from server.keys import Caller, Keys, Role
@@ -36,6 +37,7 @@ class Parts:
 
     database: Database
     keys: Keys
+    admission: Admission
     service: Service
     hub: Hub
     life: Life
@@ -50,7 +52,7 @@ def _parts(request: Request) -> Parts:
 
 
 async def _caller(request: Request, parts: Annotated[Parts, Depends(_parts)]) -> Caller:
-    return await parts.keys.caller(request.headers.get("authorization"))
+    return await parts.admission.caller(request)
 
 
 async def _operator(caller: Annotated[Caller, Depends(_caller)]) -> Caller:
@@ -82,6 +84,7 @@ def refusals(**because: str) -> dict[int | str, dict[str, Any]]:
 
 REFUSALS = refusals(
     s401="no key, or one that is unknown or revoked",
+    s429="a limit is used up; try again after `Retry-After` seconds",
     s422="the request does not fit the schema; `errors` names each place",
     s503="the database did not answer in time; try again after `Retry-After` seconds",
 )

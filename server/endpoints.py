@@ -1,11 +1,11 @@
-"""All routers of the service, and those that vehicles and the platform use: observations, push, health."""
+"""All routers of the service, and those that vehicles use: observations, push."""
 
 from __future__ import annotations
 
 from fastapi import APIRouter, Depends, WebSocket
 
 from contract.observation import ObservationBatch, ObservationBatchResult
-from server import operator_endpoints, reader_endpoints, schema
+from server import operation_endpoints, operator_endpoints, reader_endpoints
 from server.dependencies import REFUSALS, CallerNow, Parts, PartsNow, bearer, must_be_json, refusals
 from server.events_socket import serve_events
 from server.ogc import endpoints as ogc_endpoints
@@ -14,7 +14,6 @@ __all__ = ["ROUTERS", "Parts"]
 
 vehicles = APIRouter(prefix="/v1", responses=REFUSALS, dependencies=[Depends(bearer)])
 push = APIRouter(prefix="/v1")
-operation = APIRouter(tags=["operation"])
 
 
 @vehicles.post(
@@ -29,6 +28,7 @@ operation = APIRouter(tags=["operation"])
 )
 async def post_observations(batch: ObservationBatch, caller: CallerNow, parts: PartsNow) -> ObservationBatchResult:
     """Take a batch of reports and answer each, in order. Safe to repeat: a report counts once by its id and key."""
+    parts.admission.reports(caller, len(batch.reports))
     return await parts.service.observe(caller, batch)
 
 
@@ -36,20 +36,14 @@ async def post_observations(batch: ObservationBatch, caller: CallerNow, parts: P
 async def events(socket: WebSocket) -> None:
     """Push around a moving vehicle: see `contract/events.py`."""
     parts: Parts = socket.app.state.parts
-    await serve_events(socket, parts.service, parts.hub, parts.keys)
+    await serve_events(socket, parts)
 
 
-@operation.get("/healthz")
-async def healthz() -> dict[str, str]:
-    """The process answers."""
-    return {"status": "ok"}
-
-
-@operation.get("/readyz", responses=refusals(s503="the database does not answer, or its schema is not this version's"))
-async def readyz(parts: PartsNow) -> dict[str, str]:
-    """The database answers and its schema is this version's."""
-    await schema.check(parts.database)
-    return {"status": "ready"}
-
-
-ROUTERS = (vehicles, reader_endpoints.readers, operator_endpoints.operators, ogc_endpoints.ogc, push, operation)
+ROUTERS = (
+    vehicles,
+    reader_endpoints.readers,
+    operator_endpoints.operators,
+    ogc_endpoints.ogc,
+    push,
+    operation_endpoints.operation,
+)

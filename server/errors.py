@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-import logging
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from http import HTTPStatus
@@ -14,7 +14,6 @@ from fastapi.exceptions import RequestValidationError
 from starlette.exceptions import HTTPException
 
 PROBLEM_JSON = "application/problem+json"
-_LOG = logging.getLogger(__name__)
 
 
 class ServiceError(Exception):
@@ -61,12 +60,28 @@ class BodyTooLargeError(ServiceError):
     """The body exceeds the limit."""
 
 
+class BodyTooSlowError(ServiceError):
+    """The body did not arrive in time."""
+
+
+class TooManyRequestsError(ServiceError):
+    """A limit on requests, reports, connections or unknown keys is used up for `wait_s` seconds."""
+
+    def __init__(self, what: str, wait_s: float) -> None:
+        super().__init__(what)
+        self.wait_s = wait_s
+
+
 class UnavailableError(ServiceError):
     """The database did not take the write in time; the same request may be repeated."""
 
 
 class SchemaOutOfDateError(ServiceError):
     """The database's schema is not this version's."""
+
+
+class ShuttingDownError(ServiceError):
+    """The server is about to end."""
 
 
 class UnguardedError(ServiceError):
@@ -91,8 +106,11 @@ _PROBLEMS: dict[type[ServiceError], _Problem] = {
     UnauthenticatedError: _Problem("unauthenticated", HTTPStatus.UNAUTHORIZED, {"WWW-Authenticate": "Bearer"}),
     ForbiddenError: _Problem("forbidden", HTTPStatus.FORBIDDEN, {}),
     BodyTooLargeError: _Problem("body-too-large", HTTPStatus.REQUEST_ENTITY_TOO_LARGE, {}),
+    BodyTooSlowError: _Problem("body-too-slow", HTTPStatus.REQUEST_TIMEOUT, {}),
+    TooManyRequestsError: _Problem("too-many-requests", HTTPStatus.TOO_MANY_REQUESTS, {}),
     UnavailableError: _Problem("unavailable", HTTPStatus.SERVICE_UNAVAILABLE, {"Retry-After": "1"}),
     SchemaOutOfDateError: _Problem("schema-out-of-date", HTTPStatus.SERVICE_UNAVAILABLE, {"Retry-After": "10"}),
+    ShuttingDownError: _Problem("shutting-down", HTTPStatus.SERVICE_UNAVAILABLE, {"Retry-After": "5"}),
 }
 
 
@@ -109,7 +127,15 @@ def problem(
 def problem_of(error: ServiceError) -> Response:
     """The problem that a domain error maps to."""
     known = _PROBLEMS[type(error)]
-    return problem(known.type, known.status, str(error), known.headers)
+    headers = dict(known.headers)
+    if isinstance(error, TooManyRequestsError):
+        headers["Retry-After"] = str(max(1, math.ceil(error.wait_s)))
+    return problem(known.type, known.status, str(error), headers)
+
+
+def unexpected_problem() -> Response:
+    """The answer to a fault of the server's own: nothing of it is shown."""
+    return problem("internal", HTTPStatus.INTERNAL_SERVER_ERROR, "the server failed; the failure has been logged")
 
 
 def complaints(error: RequestValidationError) -> list[dict[str, str]]:
@@ -128,7 +154,7 @@ def _place(location: Sequence[int | str]) -> str:
 
 
 def install(app: FastAPI) -> None:
-    """Answer every error of the application as a problem."""
+    """Answer every error of the application as a problem; what nobody expected is for `server.edge`."""
 
     async def service_error(_request: Request, error: Exception) -> Response:
         assert isinstance(error, ServiceError)  # noqa: S101  # registered for that type below
@@ -144,11 +170,6 @@ def install(app: FastAPI) -> None:
         status = HTTPStatus(error.status_code)
         return problem(status.phrase.lower().replace(" ", "-"), status, status.description, error.headers)
 
-    async def unexpected(request: Request, error: Exception) -> Response:
-        _LOG.error("unexpected error at %s %s", request.method, request.url.path, exc_info=error)
-        return problem("internal", HTTPStatus.INTERNAL_SERVER_ERROR, "the server failed; the failure has been logged")
-
     app.add_exception_handler(ServiceError, service_error)
     app.add_exception_handler(RequestValidationError, invalid)
     app.add_exception_handler(HTTPException, http_error)
-    app.add_exception_handler(Exception, unexpected)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+from contextlib import AsyncExitStack
 
 from fastapi import WebSocket
 from fastapi.websockets import WebSocketDisconnect
@@ -10,42 +11,55 @@ from pydantic import ValidationError
 from starlette.websockets import WebSocketState
 
 from contract.events import SUBPROTOCOL, Position, ServerMessage
+from server.dependencies import Parts
 from server.errors import ServiceError, UnauthenticatedError, problem_of
-from server.keys import Keys
-from server.service import Service
-from server.stream import Hub, Subscription
+from server.keys import Caller, Keys
+from server.stream import Subscription
 
 _BAD_MESSAGE, _KEY_REVOKED, _WRONG_VERSION, _TRY_AGAIN_LATER = 4400, 4401, 4426, 1013
 # A revoked key is cut off within this time.
 _KEY_CHECK_INTERVAL_S = 30.0
 
 
-async def serve_events(socket: WebSocket, service: Service, hub: Hub, keys: Keys) -> None:
-    """Serve one connection until it ends. Refuses with 401 before accepting, closes with 4400, 4401 or 4426 after."""
-    authorization = socket.headers.get("authorization")
-    try:
-        await keys.caller(authorization)
-    except ServiceError as error:
-        await socket.send_denial_response(problem_of(error))
-        return
-    if SUBPROTOCOL not in socket.scope["subprotocols"]:
-        await socket.accept()
-        await socket.close(_WRONG_VERSION, f"subprotocol {SUBPROTOCOL} is needed")
-        return
-    await socket.accept(subprotocol=SUBPROTOCOL)
-    await _converse(socket, service, hub, keys, authorization)
+async def serve_events(socket: WebSocket, parts: Parts) -> None:
+    """Serve one connection until it ends.
+
+    Refuses with 401, 403 or 429 before accepting, closes with 4400, 4401 or 4426 after.
+    """
+    async with AsyncExitStack() as held:
+        try:
+            caller = await parts.admission.caller(socket)
+            parts.admission.must_be_no_strange_page(socket)
+            held.enter_context(parts.admission.socket(caller))
+        except ServiceError as error:
+            await socket.send_denial_response(problem_of(error))
+            return
+        if SUBPROTOCOL not in socket.scope["subprotocols"]:
+            await socket.accept()
+            await socket.close(_WRONG_VERSION, f"subprotocol {SUBPROTOCOL} is needed")
+            return
+        await socket.accept(subprotocol=SUBPROTOCOL)
+        await _converse(socket, parts, caller)
 
 
-async def _converse(socket: WebSocket, service: Service, hub: Hub, keys: Keys, authorization: str | None) -> None:
+async def _converse(socket: WebSocket, parts: Parts, caller: Caller) -> None:
+    hub = parts.hub
+
     async def send(message: ServerMessage) -> None:
         await socket.send_text(message.model_dump_json())
+        hub.counts.sent += 1
 
-    subscription = Subscription(service.near, send)
+    async def receive() -> None:
+        while True:
+            subscription.move(Position.model_validate_json(await socket.receive_text()))
+            await parts.admission.pace(caller)
+
+    subscription = Subscription(parts.service.near, send)
     hub.add(subscription)
     tasks = {
-        asyncio.create_task(_receive(socket, subscription)),
+        asyncio.create_task(receive()),
         asyncio.create_task(subscription.run()),
-        asyncio.create_task(_watch_key(keys, authorization)),
+        asyncio.create_task(_watch_key(parts.keys, socket.headers.get("authorization"))),
     }
     try:
         done, _ = await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
@@ -55,11 +69,6 @@ async def _converse(socket: WebSocket, service: Service, hub: Hub, keys: Keys, a
             task.cancel()
         await asyncio.gather(*tasks, return_exceptions=True)
     await _close(socket, next(iter(done)))
-
-
-async def _receive(socket: WebSocket, subscription: Subscription) -> None:
-    while True:
-        subscription.move(Position.model_validate_json(await socket.receive_text()))
 
 
 async def _watch_key(keys: Keys, authorization: str | None) -> None:

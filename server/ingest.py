@@ -13,6 +13,7 @@ from sqlalchemy.exc import DBAPIError
 
 from contract.observation import ReportResult, ReportStatus
 from server import answers
+from server.counters import IngestCounts
 from server.database import is_worth_a_retry
 from server.errors import UnavailableError
 from server.features import ObstacleEvent
@@ -41,6 +42,7 @@ class Ingest:
     def __init__(self, decide: Decide, deadline_s: float, publish: Callable[[ObstacleEvent], None]) -> None:
         self._decide, self._deadline_s, self._publish = decide, deadline_s, publish
         self._waiting: deque[_Waiting] = deque()
+        self.counts = IngestCounts()
         self._arrived = asyncio.Event()
 
     @property
@@ -97,8 +99,10 @@ class Ingest:
                     await self._settle_singly(group, error)
                     return
             else:
+                self.counts.groups.observe(len(group))
                 self._tell(group, outcomes)
                 return
+            self.counts.attempts_failed += 1
             await asyncio.sleep(random.uniform(0, pause_s))  # noqa: S311  # jitter, not a secret
             pause_s = min(2 * pause_s, _GREATEST_PAUSE_S)
 
@@ -112,6 +116,7 @@ class Ingest:
     def _tell(self, group: list[_Waiting], outcomes: Outcomes) -> None:
         for item, outcome in zip(group, outcomes, strict=True):
             if isinstance(outcome, Outcome):
+                self.counts.count(outcome.result)
                 for event in outcome.events:
                     self._publish(event)
             if item.answer.done():

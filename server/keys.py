@@ -72,11 +72,15 @@ class Keys:
         self._remembered: dict[str | None, _Remembered] = {}
         self._bootstrap_sha256 = None if bootstrap is None else _sha256(bootstrap.get_secret_value())
 
-    async def caller(self, authorization: str | None) -> Caller:
-        """Who an `Authorization` header stands for; what the database said of it is believed for some seconds."""
+    def remembered(self, authorization: str | None) -> Caller | None:
+        """Who an `Authorization` header stands for, if the database was asked within the last seconds."""
         remembered = self._remembered.get(authorization)
         if remembered is not None and time.monotonic() < remembered.until_s:
             return remembered.caller
+        return None
+
+    async def caller(self, authorization: str | None) -> Caller:
+        """Who an `Authorization` header stands for, as the database says; it is believed for some seconds."""
         caller = await self.looked_up(authorization)
         if len(self._remembered) >= _REMEMBERED_HEADERS:
             self._remembered.clear()

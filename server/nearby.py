@@ -13,6 +13,7 @@ from datetime import UTC, datetime
 from uuid import UUID
 
 from contract.geometry import LatLon
+from server.counters import NearbyCounts
 from server.database import Database
 from server.policy import Life
 from server.quadkey import tiles
@@ -38,12 +39,19 @@ class Nearby:
     def __init__(self, database: Database, life: Life, limit_bytes: int) -> None:
         self._reader = TileReader(database, life)
         self._cache = TileCache(limit_bytes)
+        self.counts = NearbyCounts()
         self._next: _Check | None = None
         self._checking: asyncio.Task[None] | None = None
         self._refreshing: dict[int, asyncio.Task[None]] = {}
 
+    @property
+    def size_bytes(self) -> int:
+        """Memory of the tiles."""
+        return self._cache.size_bytes
+
     async def within(self, centre: LatLon, radius_m: float, now: datetime) -> list[Served]:
         """Live obstacles within a geodesic radius of at most `GREATEST_RADIUS_M`, nearest first."""
+        self.counts.queries += 1
         wanted = tiles(centre, radius_m)
         versions = await self._versions(wanted)
         now_us = int((now - _EPOCH).total_seconds() * 1e6)
@@ -70,6 +78,7 @@ class Nearby:
         try:
             while check := self._next:
                 self._next = None
+                self.counts.version_checks += 1
                 try:
                     answer = await self._reader.versions(sorted(check.tiles))
                 except Exception as error:  # it belongs to the queries that wait, and the next may succeed
@@ -86,6 +95,7 @@ class Nearby:
         while True:
             known = self._cache.get(tile)
             if known is not None and known.version >= version:
+                self.counts.tiles_fresh += 1
                 return known
             if tile not in self._refreshing:
                 task = self._refreshing[tile] = asyncio.create_task(self._refresh(tile, known))
@@ -96,7 +106,9 @@ class Nearby:
         changes = None if known is None else await self._reader.changes(tile, known.version)
         if known is None or changes is None:
             self._cache.put(tile, await self._reader.tile(tile))
+            self.counts.tiles_loaded += 1
             return
+        self.counts.tiles_changed += 1
         before_bytes = known.size_bytes
         for change in changes:
             known.apply(change)

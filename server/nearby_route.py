@@ -43,6 +43,8 @@ class Asked:
 class NearbyRoute(BaseRoute):
     """Matches plain requests only; must stand before the typed route."""
 
+    path = _PATH
+
     def matches(self, scope: Scope) -> tuple[Match, Scope]:
         """A match with the parsed request, or none."""
         if scope["type"] != "http" or scope["method"] != "GET" or scope["path"] != _PATH or _TOO_MANY in scope:
@@ -50,14 +52,14 @@ class NearbyRoute(BaseRoute):
         asked = parsed(scope["query_string"])
         if asked is None or not _takes_geojson(scope):
             return Match.NONE, {}
-        return Match.FULL, {_ASKED: asked}
+        return Match.FULL, {_ASKED: asked, "route": self}
 
     async def handle(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Answer; a circle with more than one page goes on to the typed route."""
         request = Request(scope, receive)
         parts: Parts = scope["app"].state.parts
         asked: Asked = scope[_ASKED]
-        await parts.keys.caller(request.headers.get("authorization"))
+        await parts.admission.caller(request)
         found = await parts.nearby.within(asked.centre, asked.radius_m, datetime.now(UTC))
         if len(found) > asked.limit:
             await scope["router"]({**scope, _TOO_MANY: True}, receive, send)

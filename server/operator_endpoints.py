@@ -19,9 +19,8 @@ from server.formats.names import FormatName
 from server.formats.registry import FORMATS
 from server.query import Missing, Parameters
 from server.reader_endpoints import GeoJson, one
+from server.request_context import CURRENT
 
-_REQUEST_ID = re.compile(r"[A-Za-z0-9._:-]{1,64}")
-_TRACEPARENT = re.compile(r"[0-9a-f]{2}-([0-9a-f]{32})-[0-9a-f]{16}-[0-9a-f]{2}.*")
 _TAG = re.compile(rf'"([1-9][0-9]{{0,8}})-(?:{"|".join(FormatName)})"')
 
 operators = APIRouter(
@@ -89,19 +88,17 @@ async def post_action(
     if_match: IfMatch = None,
 ) -> Response:
     """Act on an obstacle; the answer is the obstacle afterwards. The same action again changes nothing."""
-    order = audit.Order(obstacle_id, action, operator.key_id, _request_id(request), _revisions(if_match))
+    order = audit.Order(obstacle_id, action, operator.key_id, _request_id(), _revisions(if_match))
     return one(request, await parts.operators.carry_out(order), FORMATS[FormatName.GEOJSON])
 
 
 @operators.delete("/obstacles/{obstacle_id}", status_code=204, responses=_ON_AN_OBSTACLE)
-async def delete_obstacle(
-    request: Request, obstacle_id: UUID, operator: OperatorNow, parts: PartsNow, if_match: IfMatch = None
-) -> None:
+async def delete_obstacle(obstacle_id: UUID, operator: OperatorNow, parts: PartsNow, if_match: IfMatch = None) -> None:
     """Remove an obstacle for good, and delete the points and descriptors of all its versions.
 
     A marker without them (state `removed`) stays under its id, so that vehicles learn that it is gone.
     """
-    order = audit.Order(obstacle_id, "delete", operator.key_id, _request_id(request), _revisions(if_match))
+    order = audit.Order(obstacle_id, "delete", operator.key_id, _request_id(), _revisions(if_match))
     await parts.operators.carry_out(order)
 
 
@@ -120,13 +117,10 @@ async def get_actions(
     return ActionLog(actions=tuple(map(audit.record, page)), links=tuple(links))
 
 
-def _request_id(request: Request) -> str | None:
-    """What the caller's logs know the request by: `X-Request-Id`, else the trace of `traceparent` (W3C)."""
-    named = request.headers.get("x-request-id", "")
-    if _REQUEST_ID.fullmatch(named):
-        return named
-    traced = _TRACEPARENT.fullmatch(request.headers.get("traceparent", ""))
-    return traced.group(1) if traced else None
+def _request_id() -> str | None:
+    """What the caller's logs and ours know the request by."""
+    context = CURRENT.get()
+    return None if context is None else context.request_id
 
 
 def _revisions(if_match: str | None) -> frozenset[int] | None:

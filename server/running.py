@@ -1,46 +1,87 @@
-"""The server process: uvicorn around the application, saying where it listens."""
+"""The server process: uvicorn around the application, saying where it listens, and ending without losing an answer."""
 
 from __future__ import annotations
 
 import asyncio
+import logging
+import math
+import signal
 import socket
+import time
+from collections.abc import Callable
+from types import FrameType
 
 import uvicorn
 
+from server import logs
 from server.app import create_app
+from server.policy_file import policy_of
 from server.settings import Settings
 from server.startup import preflight
 
-# Requests under way may finish; longer than the longest write.
-_GRACE_S = 10
+_LOG = logging.getLogger(__name__)
+# For what follows a request's last write, and for sockets to close.
+_AFTER_WRITES_S = 5
 # A position is some 150 bytes.
 _MAX_WS_MESSAGE_BYTES = 4_096
 
 
 def run(settings: Settings) -> int:
     """Serve until interrupted; the exit code. Raises a `ServiceError` when the server must not start."""
+    logs.configure(settings.log_level, settings.log_format)
+    policy_of(settings)
     asyncio.run(preflight(settings))
+    app = create_app(settings)
     config = uvicorn.Config(
-        create_app(settings),
+        app,
         host=settings.host,
         port=settings.port,
-        log_level=settings.log_level,
-        # Queries carry positions, which are nobody's business.
+        log_config=None,
+        # `server.edge` writes a better one: these lines have the query, and so positions.
         access_log=False,
+        server_header=False,
+        proxy_headers=bool(settings.trusted_proxies),
+        forwarded_allow_ips=list(settings.trusted_proxies),
+        limit_concurrency=settings.max_connections,
         ws_max_size=_MAX_WS_MESSAGE_BYTES,
         ws_per_message_deflate=False,
-        timeout_graceful_shutdown=_GRACE_S,
+        timeout_graceful_shutdown=math.ceil(settings.write_deadline_s) + _AFTER_WRITES_S,
     )
-    server = _AnnouncingServer(config)
+    server = _Server(config, settings.drain_s, app.state.readiness.end)
     server.run()
     return 0 if server.started else 1
 
 
-class _AnnouncingServer(uvicorn.Server):
-    """Prints the address once it listens, for people and for scripts that asked for port 0."""
+class _Server(uvicorn.Server):
+    """Prints its address once it listens; told to end, first says that it is not ready, then ends."""
+
+    def __init__(self, config: uvicorn.Config, drain_s: float, not_ready: Callable[[], None]) -> None:
+        super().__init__(config)
+        self._drain_s, self._not_ready = drain_s, not_ready
+        self._ends_at_s = math.inf
 
     async def startup(self, sockets: list[socket.socket] | None = None) -> None:
         await super().startup(sockets)
         if self.started:
             host, port = self.servers[0].sockets[0].getsockname()[:2]
+            # For people, and for scripts that asked for port 0.
             print(f"listening on http://{f'[{host}]' if ':' in host else host}:{port}", flush=True)
+
+    def handle_exit(self, sig: int, frame: FrameType | None) -> None:
+        """A signal to end: the first one after the drain, a second one at once."""
+        self._not_ready()
+        if sig == signal.SIGTERM and self._drain_s and math.isinf(self._ends_at_s):
+            self._ends_at_s = time.monotonic() + self._drain_s
+            return
+        super().handle_exit(sig, frame)
+
+    async def on_tick(self, counter: int) -> bool:
+        """Whether to end now; called every tenth of a second."""
+        if time.monotonic() >= self._ends_at_s:
+            self.should_exit = True
+        return await super().on_tick(counter)
+
+    async def shutdown(self, sockets: list[socket.socket] | None = None) -> None:
+        _LOG.info("ending: %d connections", len(self.server_state.connections))
+        await super().shutdown(sockets)
+        _LOG.info("ended")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import cache
 from importlib.resources import as_file, files
 
 from alembic import command
@@ -41,6 +42,7 @@ async def check(database: Database) -> None:
         )
 
 
+@cache
 def head_revision() -> str:
     """The revision that this version needs."""
     with as_file(files("migrations")) as folder:

@@ -42,12 +42,12 @@ class Service:
         self._policy = policy
         self._secret = secret
         self._distrusted = distrusted
-        self._ingest = Ingest(self._decide, write_deadline_s, publish)
+        self.ingest = Ingest(self._decide, write_deadline_s, publish)
 
     @asynccontextmanager
     async def running(self) -> AsyncIterator[None]:
         """Takes reports within the block; requests end before it does."""
-        worker = asyncio.create_task(self._ingest.run())
+        worker = asyncio.create_task(self.ingest.run())
         try:
             yield
         finally:
@@ -62,7 +62,7 @@ class Service:
         caller.must_be_able_to_post()
         received_at = datetime.now(UTC)
         parcels = [self._parcel(caller, batch.sent_at, received_at, report) for report in batch.reports]
-        results = await self._ingest.take(parcels)
+        results = await self.ingest.take(parcels)
         if all(result.status is ReportStatus.RETRY for result in results):
             raise UnavailableError("the database did not take the reports in time; send them again")
         return ObservationBatchResult(results=tuple(results))

@@ -13,6 +13,7 @@ from uuid import UUID
 from contract.events import Appeared, Left, Moved, Position, Removed, ServerMessage, Snapshot, Updated
 from contract.geometry import LatLon
 from contract.obstacle import ObstacleFeature
+from server.counters import PushCounts
 from server.features import ObstacleEvent
 from server.geodesy import is_within
 
@@ -30,6 +31,7 @@ class Hub:
 
     def __init__(self) -> None:
         self._subscriptions: set[Subscription] = set()
+        self.counts = PushCounts()
 
     def add(self, subscription: Subscription) -> None:
         """Begin to offer events to a connection."""
@@ -41,6 +43,7 @@ class Hub:
 
     def publish(self, event: ObstacleEvent) -> None:
         """Offer an event to every connection; never waits."""
+        self.counts.published[event.removed_reason or "changed"] += 1
         for subscription in self._subscriptions:
             subscription.offer(event)
 

@@ -121,7 +121,7 @@ async def test_what_happens_elsewhere_is_not_pushed(running: Running) -> None:
     async with running.connect(OPERATOR_KEY) as socket:
         await socket.send(at(1))
         await received(socket)
-        await running.post(seen(400))
+        await running.post(seen(400, hours_ago=6))
         await running.post(seen(20))
         appeared = await received(socket)
     assert isinstance(appeared, Appeared)

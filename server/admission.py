@@ -1,0 +1,136 @@
+"""Who is let in, and how often: keys, rates of each key, unknown keys of each address, sockets of each key."""
+
+from __future__ import annotations
+
+import asyncio
+import ipaddress
+import time
+from collections import Counter
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+from starlette.requests import HTTPConnection
+
+from server.errors import ForbiddenError, TooManyRequestsError, UnauthenticatedError
+from server.keys import Caller, Keys, Role
+from server.rate_limit import RateLimit
+from server.request_context import CURRENT, note_key
+from server.settings import Settings
+
+# Attackers with more addresses than this push each other out, which costs them nothing and us little.
+_MOST_ADDRESSES = 10_000
+# An allocation of IPv6 is a /64: counting single addresses would count nothing.
+_IPV6_PREFIX = 64
+_SOCKET_WAIT_S = 10.0
+
+
+class Admission:
+    """Answers for every request who sent it, or refuses it. Rates are of this process, and not the anonymous'."""
+
+    def __init__(self, keys: Keys, settings: Settings) -> None:
+        self._keys = keys
+        burst_s = settings.rate_burst_s
+        rates = {
+            Role.VEHICLE: settings.vehicle_rate_hz,
+            Role.READER: settings.reader_rate_hz,
+            Role.OPERATOR: settings.operator_rate_hz,
+        }
+        self._requests = {role: RateLimit(rate_hz, max(1.0, rate_hz * burst_s)) for role, rate_hz in rates.items()}
+        self._reports = RateLimit(settings.report_rate_hz, settings.report_rate_hz * burst_s)
+        per_minute = settings.failed_keys_per_minute
+        self._failures = RateLimit(per_minute / 60, max(1.0, per_minute), _MOST_ADDRESSES)
+        self._sockets_per_key, self._origins = settings.sockets_per_key, frozenset(settings.cors_origins)
+        self._sockets: Counter[str] = Counter()
+        self.refused: Counter[str] = Counter()
+        """How often something was refused, by what was too many."""
+
+    @property
+    def sockets(self) -> int:
+        """Open WebSockets."""
+        return self._sockets.total()
+
+    async def caller(self, connection: HTTPConnection) -> Caller:
+        """Who sent a request. Raises `UnauthenticatedError` or `TooManyRequestsError`."""
+        authorization = connection.headers.get("authorization")
+        caller = self._keys.remembered(authorization)
+        if caller is None:
+            caller = await self._looked_up(connection, authorization)
+        note_key(caller.key_id)
+        if caller.is_anonymous:
+            _must_be_of_this_machine()
+        elif wait_s := self._requests[caller.role].take(caller.key_id, time.monotonic()):
+            raise self._refusal("requests", wait_s)
+        return caller
+
+    def reports(self, caller: Caller, number: int) -> None:
+        """Take a number of reports, or raise `TooManyRequestsError`."""
+        if caller.is_anonymous:
+            return
+        if wait_s := self._reports.take(caller.key_id, time.monotonic(), number):
+            raise self._refusal("reports", wait_s)
+
+    async def pace(self, caller: Caller) -> None:
+        """Wait until a message on a socket is due: each counts like a request."""
+        if caller.is_anonymous:
+            return
+        # Others of the same key may be quicker after the pause.
+        while wait_s := self._requests[caller.role].take(caller.key_id, time.monotonic()):  # noqa: ASYNC110
+            await asyncio.sleep(wait_s)
+
+    @contextmanager
+    def socket(self, caller: Caller) -> Iterator[None]:
+        """Hold one of the caller's sockets, or raise `TooManyRequestsError`."""
+        if self._sockets[caller.key_id] >= self._sockets_per_key and not caller.is_anonymous:
+            raise self._refusal("sockets", _SOCKET_WAIT_S)
+        self._sockets[caller.key_id] += 1
+        try:
+            yield
+        finally:
+            self._sockets[caller.key_id] -= 1
+            if not self._sockets[caller.key_id]:
+                del self._sockets[caller.key_id]
+
+    def must_be_no_strange_page(self, connection: HTTPConnection) -> None:
+        """Refuse the socket of another origin's web page: browsers ask nobody before they open one (RFC 6455, 10.2)."""
+        origin = connection.headers.get("origin")
+        host = connection.headers.get("host", "")
+        if origin is not None and origin not in {*self._origins, f"http://{host}", f"https://{host}"}:
+            raise ForbiddenError("pages of this origin may not connect: see HEADSUP_CORS_ORIGINS")
+
+    async def _looked_up(self, connection: HTTPConnection, authorization: str | None) -> Caller:
+        address = _network(connection)
+        if wait_s := self._failures.wait_s(address, time.monotonic()):
+            raise self._refusal("failed-keys", wait_s)
+        try:
+            return await self._keys.caller(authorization)
+        except UnauthenticatedError:
+            self._failures.take(address, time.monotonic())
+            raise
+
+    def _refusal(self, what: str, wait_s: float) -> TooManyRequestsError:
+        self.refused[what] += 1
+        return TooManyRequestsError(f"{_TOO_MANY[what]}; try again after `Retry-After` seconds", wait_s)
+
+
+_TOO_MANY = {
+    "requests": "this key sends too many requests",
+    "reports": "this key sends too many reports",
+    "sockets": "this key holds too many WebSockets",
+    "failed-keys": "too many unknown keys came from this address",
+}
+
+
+def _must_be_of_this_machine() -> None:
+    """A server without keys listens on loopback; a proxy there would bring it the whole world."""
+    context = CURRENT.get()
+    if context is not None and context.is_forwarded:
+        raise UnauthenticatedError("a server without keys serves its own machine only, not through a proxy: make a key")
+
+
+def _network(connection: HTTPConnection) -> str:
+    host = "" if connection.client is None else connection.client.host
+    try:
+        address = ipaddress.ip_address(host)
+    except ValueError:
+        return host
+    return str(ipaddress.ip_network((address, _IPV6_PREFIX), strict=False)) if address.version == 6 else host
