@@ -43,7 +43,7 @@ def database_url(request: pytest.FixtureRequest, tmp_path: Path) -> str:
         url = f"sqlite+aiosqlite:///{tmp_path}/headsup.sqlite3"
     else:
         url = _fresh_postgres(request.getfixturevalue("postgres"))
-    asyncio.run(_upgraded(url))
+    asyncio.run(upgraded(url))
     return url
 
 
@@ -84,7 +84,7 @@ def _fresh_postgres(server: PostgresServer) -> str:
     return url.render_as_string(hide_password=False)
 
 
-async def _upgraded(url: str) -> None:
+async def upgraded(url: str) -> None:
     database = Database.open(url)
     try:
         await schema.upgrade(database)
