@@ -7,6 +7,7 @@ import typer
 from headsup.demo.command import demo
 from headsup.detect_command import detect_files
 from headsup.evaluate.app import evaluate_app
+from headsup.policy_command import policy_app
 from headsup.server_commands import db_app, keys_app, serve
 from headsup.simulate.app import simulate_app
 
@@ -25,6 +26,7 @@ app.add_typer(simulate_app, name="simulate")
 app.add_typer(evaluate_app, name="evaluate")
 app.add_typer(keys_app, name="keys")
 app.add_typer(db_app, name="db")
+app.add_typer(policy_app, name="policy")
 
 
 def main() -> None:

@@ -34,13 +34,12 @@ def replay_log(
     """
     from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 
-    from headsup.server_commands import settings_with, with_database
+    from headsup.server_commands import policy_in_force, settings_with, with_database
     from server import schema
     from server.database import Database
-    from server.policy import policy_named
     from server.replay import Replayed, replay
 
-    policy = policy_named(settings_with().policy)
+    policy = policy_in_force()
     results: list[Replayed] = []
     columns = (SpinnerColumn(), TextColumn("{task.completed:.0f} lines replayed"), TimeElapsedColumn())
     with Progress(*columns, transient=True) as progress:
@@ -62,7 +61,10 @@ def replay_log(
 
 def prune_log(
     checkpoint: Annotated[Path, typer.Option(help="File for the state that a later replay begins with.")],
-    keep_days: Annotated[int, typer.Option(help="Keep reports received within so many days.", min=_WEEK_DAYS)] = 90,
+    keep_days: Annotated[
+        int | None,
+        typer.Option(help="Keep reports received within so many days; else HEADSUP_RETENTION_DAYS.", min=_WEEK_DAYS),
+    ] = None,
 ) -> None:
     """Save a checkpoint of HEADSUP_DATABASE_URL, then delete what vehicles sent longer ago.
 
@@ -71,16 +73,16 @@ def prune_log(
 
     Example:
 
-        headsup db prune --keep-days 90 --checkpoint checkpoints/2026-11-22.jsonl.gz
+        headsup db prune --checkpoint checkpoints/2026-11-22.jsonl.gz
     """
-    from headsup.server_commands import settings_with, with_database
-    from server.policy import policy_named
+    from headsup.server_commands import policy_in_force, settings_with, with_database
     from server.pruning import prune
 
-    times = policy_named(settings_with().policy).times
+    times = policy_in_force().times
+    keep = timedelta(days=settings_with(retention_days=keep_days).retention_days)
 
     async def work(database: Database) -> None:
-        done = await prune(database, timedelta(days=keep_days), checkpoint, datetime.now(UTC), times)
+        done = await prune(database, keep, checkpoint, datetime.now(UTC), times)
         typer.echo(f"{done.checkpointed} rows saved in {checkpoint}, {done.reports} reports deleted")
 
     with_database(work)

@@ -3,22 +3,28 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Awaitable, Callable
+from collections.abc import Awaitable, Callable, Mapping
 from enum import StrEnum
 from typing import TYPE_CHECKING, Annotated, Any, NoReturn
 from uuid import UUID
 
 import typer
 
+from headsup.database_commands import backup_database, downgrade_database, show_status, upgrade_database
 from headsup.log_commands import prune_log, replay_log
 
 if TYPE_CHECKING:
     from server.database import Database
     from server.keys import Keys
+    from server.policy import Policy
     from server.settings import Settings
 
 keys_app = typer.Typer(help="API keys of vehicles, readers and operators.", no_args_is_help=True)
 db_app = typer.Typer(help="The server's database.", no_args_is_help=True)
+db_app.command("status")(show_status)
+db_app.command("upgrade")(upgrade_database)
+db_app.command("downgrade")(downgrade_database)
+db_app.command("backup")(backup_database)
 db_app.command("replay")(replay_log)
 db_app.command("prune")(prune_log)
 _NAME_LENGTH = 64
@@ -41,6 +47,7 @@ def serve(
 
     Settings come from the environment (HEADSUP_...), options win. A fresh SQLite file gets its tables; any other
     database must be brought up to date by `headsup db upgrade`. Prints `listening on http://HOST:PORT` when ready.
+    SIGTERM ends it once the requests under way are answered.
 
     Examples:
 
@@ -57,7 +64,7 @@ def serve(
     try:
         exit_code = run(settings)
     except ServiceError as error:
-        _refuse(str(error))
+        refuse(str(error))
     raise typer.Exit(exit_code)
 
 
@@ -111,25 +118,9 @@ def revoke_key(key_id: Annotated[UUID, typer.Argument(help="The key's id, from `
 
     async def revoke(keys: Keys) -> None:
         if not await keys.revoke(key_id):
-            _refuse(f"there is no valid key {key_id}: see `headsup keys list`")
+            refuse(f"there is no valid key {key_id}: see `headsup keys list`")
 
     _with_keys(revoke)
-
-
-@db_app.command("upgrade")
-def upgrade_database() -> None:
-    """Bring the database's schema to this version; harmless when it already is.
-
-    Example:
-
-        HEADSUP_DATABASE_URL=postgresql+asyncpg://headsup@db/headsup headsup db upgrade
-    """
-    from server import schema
-
-    async def upgrade(database: Database) -> None:
-        typer.echo(f"the database is at {await schema.upgrade(database)}", err=True)
-
-    with_database(upgrade)
 
 
 def settings_with(**options: Any) -> Settings:
@@ -141,8 +132,24 @@ def settings_with(**options: Any) -> Settings:
     try:
         return Settings(**{name: value for name, value in options.items() if value is not None})
     except ValidationError as error:
-        lines = [f"HEADSUP_{item['loc'][0]}".upper() + f": {item['msg']}" for item in error.errors()]
-        _refuse("\n".join(lines))
+        refuse("\n".join(map(_complaint, error.errors())))
+
+
+def policy_in_force() -> Policy:
+    """The policy of the settings; exits with a line when its file cannot be used."""
+    from server.errors import ServiceError
+    from server.policy_file import policy_of
+
+    try:
+        return policy_of(settings_with())
+    except ServiceError as error:
+        refuse(str(error))
+
+
+def _complaint(item: Mapping[str, Any]) -> str:
+    message = str(item["msg"]).removeprefix("Value error, ")
+    # What concerns several settings has no place.
+    return f"HEADSUP_{str(item['loc'][0]).upper()}: {message}" if item["loc"] else message
 
 
 def _with_keys(work: Callable[[Keys], Awaitable[None]]) -> None:
@@ -175,13 +182,14 @@ def with_database(work: Callable[[Database], Awaitable[None]]) -> None:
     try:
         asyncio.run(opened())
     except ServiceError as error:
-        _refuse(str(error))
+        refuse(str(error))
     except OSError as error:
-        _refuse(f"{error.filename or 'the system'}: {error.strerror}")
+        refuse(f"{error.filename or 'the system'}: {error.strerror}")
     except SQLAlchemyError as error:
-        _refuse(f"the database failed: {error.__cause__ or error}")
+        refuse(f"the database failed: {error.__cause__ or error}")
 
 
-def _refuse(message: str) -> NoReturn:
+def refuse(message: str) -> NoReturn:
+    """End the program with a line that says what to do."""
     typer.echo(message, err=True)
     raise typer.Exit(1)
