@@ -19,8 +19,9 @@ from detector.verification import Candidates, candidates_of, likely
 # Deeper than manhole covers sink (2 cm), and the same the other way.
 MIN_RELIEF_M = 0.025
 FLAG_SD = 3.0
-# Gutters are paved 3 cm deep, and last as holes do; what is shallower has to be seen by a single sweep.
-MIN_HOLE_RELIEF_M = 0.0375
+# Gutters are paved 3 cm deep, and last as holes do; what is shallower has to be seen by a single sweep. From farther
+# away rays end on a hole's far slope, and its depth is not known yet.
+MIN_HOLE_RELIEF_M, DEPTH_KNOWN_M = 0.0375, 9.0
 # What lies behind the rear axle was judged while it lay ahead.
 LEAST_ALONG_M = -2.0
 # What ten sweeps agree on is asked to be surer than what one shows: it is looked at ten times as often.
@@ -50,9 +51,14 @@ def detect_over_frames(
     clusters = likely(holes, GRID_HOLE_WEIGHTS, MIN_CONFIDENCE) + likely(rises, GRID_RISE_WEIGHTS, MIN_CONFIDENCE)
     points = _cells_in_sensor(deviations, corridor, sweep.sensor_height_m)
     found = [_obstacle(points, deviations, cluster, len(state.recent)) for cluster in clusters]
-    together = [o for o in found if not o.kind.is_negative or o.relief_m >= MIN_HOLE_RELIEF_M]
+    together = [obstacle for obstacle in found if not _is_gutter(obstacle)]
     alone = [o for o in detection.obstacles if o.confidence >= MIN_CONFIDENCE and not _is_among(o, together)]
     return (*together, *alone)
+
+
+def _is_gutter(obstacle: DetectedObstacle) -> bool:
+    near = np.hypot(*obstacle.centre_m[:2]) < DEPTH_KNOWN_M
+    return bool(near and obstacle.kind.is_negative and obstacle.relief_m < MIN_HOLE_RELIEF_M)
 
 
 def _is_among(obstacle: DetectedObstacle, others: list[DetectedObstacle]) -> bool:
