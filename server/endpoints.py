@@ -21,6 +21,7 @@ push = APIRouter(prefix="/v1")
     tags=["observations"],
     dependencies=[Depends(must_be_json)],
     responses=refusals(
+        s400="the body is not text in UTF-8",
         s403="a key of role reader may not post",
         s413="the body exceeds 1 MiB: send half",
         s415="the body is not application/json",

@@ -73,6 +73,7 @@ class ActionsQuery(Parameters):
         200: {"model": ObstacleFeature},
         **_ON_AN_OBSTACLE,
         **refusals(
+            s400="the body is not text in UTF-8",
             s409="the obstacle was removed and cannot be confirmed",
             s413="the body exceeds 1 MiB",
             s415="the body is not application/json",

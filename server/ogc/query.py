@@ -14,6 +14,12 @@ from server.bounds import PATTERN_WITH_HEIGHTS, Bounds
 from server.cursors import cursor_of, position_of
 from server.query import Filters, KindList, Missing, Parameters, Rfc3339, StateList
 
+# What the standard's text says in words (7.15.4); that a day exists in its month, a pattern cannot say.
+_MOMENT = (
+    r"[1-9][0-9]{3}-(0[1-9]|1[0-2])-(0[1-9]|[12][0-9]|3[01])[Tt]([01][0-9]|2[0-3]):[0-5][0-9]:[0-5][0-9]"
+    r"(\.[0-9]{1,9})?([Zz]|[-+]([01][0-9]|2[0-3]):[0-5][0-9])"
+)
+_INTERVAL_PATTERN = rf"^({_MOMENT}|({_MOMENT}|\.\.|)/({_MOMENT}|\.\.|))$"
 WHOLE_EARTH = Bounds(-180.0, -90.0, 180.0, 90.0)
 MAX_LIMIT = 10_000
 _moment = TypeAdapter(Rfc3339)
@@ -82,6 +88,7 @@ class ItemsQuery(Parameters):
             Field(
                 description="RFC 3339 moment or interval with `..` for an open end; features that were seen within "
                 "it, that is whose time from `first_seen` to `last_seen` meets it",
+                json_schema_extra={"pattern": _INTERVAL_PATTERN},
                 examples=["2026-06-01T00:00:00Z/.."],
             ),
         ]
