@@ -7,7 +7,7 @@ from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
-from contract.observation import ReportResult
+from contract.observation import ReportResult, ReportStatus
 
 GROUP_SIZES = (1, 2, 4, 8, 16, 32, 64)
 # From a nearby query (0.2 ms) to the greatest deadline of a write that makes sense.
@@ -46,8 +46,10 @@ class IngestCounts:
     """Transactions that were tried again."""
 
     def count(self, result: ReportResult) -> None:
-        """Count an answer."""
+        """Count an answer; what a repeated one says was counted when it was decided."""
         self.reports[result.status.value] += 1
+        if result.status is not ReportStatus.ACCEPTED:
+            return
         for detection in result.detections:
             self.decisions[detection.decision] += 1
         for inspection in result.inspections:
