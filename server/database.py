@@ -15,6 +15,7 @@ from sqlalchemy.exc import TimeoutError as PoolTimeoutError
 from sqlalchemy.ext.asyncio import AsyncConnection, AsyncEngine, create_async_engine
 from sqlalchemy.pool import ConnectionPoolEntry, QueuePool
 
+from server.driver import Driver
 from server.errors import UnavailableError
 
 # Well below a request's deadline, so that it is the request that gives up; commands wait this long.
@@ -36,6 +37,8 @@ class Database:
         self._engine = engine
         # SQLite has one writer: queueing here is fair, where its busy handler would let some wait for ever.
         self._writer = asyncio.Lock() if engine.dialect.name == "sqlite" else None
+        self.driver = None if engine.dialect.name == "sqlite" else Driver(engine, _READ_DEADLINE_S)
+        """Of PostgreSQL, for a statement that is sent all the time."""
 
     @classmethod
     def open(cls, url: str) -> Database:
@@ -108,6 +111,8 @@ class Database:
 
     async def close(self) -> None:
         """Close all connections."""
+        if self.driver is not None:
+            await self.driver.close()
         await self._engine.dispose()
 
 

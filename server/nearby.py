@@ -10,14 +10,13 @@ import asyncio
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
-from uuid import UUID
 
 from contract.geometry import LatLon
 from server.counters import NearbyCounts
 from server.database import Database
 from server.policy import Life
 from server.quadkey import tiles
-from server.tile_cache import Served, TileCache, TileFeatures
+from server.tile_cache import Found, TileCache, TileFeatures, in_order
 from server.tile_reader import TileReader, Versions
 
 GREATEST_RADIUS_M = 2_000.0
@@ -49,19 +48,18 @@ class Nearby:
         """Memory of the tiles."""
         return self._cache.size_bytes
 
-    async def within(self, centre: LatLon, radius_m: float, now: datetime) -> list[Served]:
+    async def within(self, centre: LatLon, radius_m: float, now: datetime) -> list[Found]:
         """Live obstacles within a geodesic radius of at most `GREATEST_RADIUS_M`, nearest first."""
         self.counts.queries += 1
         wanted = tiles(centre, radius_m)
         versions = await self._versions(wanted)
         now_us = int((now - _EPOCH).total_seconds() * 1e6)
-        found: list[tuple[float, Served]] = []
+        found: list[Found] = []
         for tile in wanted:
             # A tile without a row was never written to.
             if version := versions.get(tile, 0):
                 found += (await self._fresh(tile, version)).within(centre, radius_m, now_us)
-        found.sort(key=_by_distance)
-        return [item for _, item in found]
+        return in_order(found, centre)
 
     async def _versions(self, wanted: Iterable[int]) -> Versions:
         """Versions of tiles, read by a statement that is sent after this call."""
@@ -113,7 +111,3 @@ class Nearby:
         for change in changes:
             known.apply(change)
         self._cache.resized(tile, before_bytes)
-
-
-def _by_distance(item: tuple[float, Served]) -> tuple[float, UUID]:
-    return item[0], item[1].identifier

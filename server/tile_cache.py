@@ -1,12 +1,17 @@
-"""Encoded features in memory, by tile: what nearby queries are answered from. Bounded; pure but for its own state."""
+"""Encoded features in memory, by tile: what nearby queries are answered from. Bounded; pure but for its own state.
+
+A tile is a few columns, not an object for each feature: the garbage collector looks at every object that can hold
+others, and with a million features each of its rounds stopped the process for tens of milliseconds.
+"""
 
 from __future__ import annotations
 
+from array import array
 from collections import OrderedDict
-from collections.abc import Iterable
+from collections.abc import Iterable, MutableSequence
 from dataclasses import dataclass
-from typing import NamedTuple
-from uuid import UUID
+from itertools import pairwise
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,20 +19,24 @@ from numpy.typing import NDArray
 from contract.geometry import LatLon
 from server.geodesy import FloatArray, distance_m, metres_per_degree
 
-# The local metric is within a few parts in a million of the geodesic at 2 km; nearer to the edge the geodesic decides.
-_EDGE = 1e-3
-# What a cached feature takes besides its text: objects, dictionary entry, arrays.
-_OVERHEAD_BYTES = 500
+T = TypeVar("T")
+
+# The local metric differs from the geodesic by less than 0.8e-9 of the distance squared, up to 85 degrees and 4 km.
+_ERROR_PER_M2 = 2e-9
+# Differences of degrees in floats, as metres.
+_LEAST_ERROR_M = 1e-7
+_ID_BYTES = 16
+# What a cached feature takes besides its text: two objects, an entry in each column and in the dictionary.
+_OVERHEAD_BYTES = 300
 
 
 class Served(NamedTuple):
     """A live obstacle as it is served; `expires_at_us` counts from 1970, `mark` is its id and revision."""
 
-    identifier: UUID
+    mark: bytes
     latitude_deg: float
     longitude_deg: float
     expires_at_us: int
-    mark: bytes
     body: bytes
 
 
@@ -35,15 +44,24 @@ class TileChange(NamedTuple):
     """A line of a tile's event log: an obstacle's new value, or None when it is not served from this tile any more."""
 
     seq: int
-    identifier: UUID
+    identifier: bytes
     served: Served | None
+
+
+class Found(NamedTuple):
+    """A feature within a circle. `distance_m` is the local metric's, but for near ties (`in_order`)."""
+
+    distance_m: float
+    mark: bytes
+    body: bytes
+    latitude_deg: float
+    longitude_deg: float
 
 
 @dataclass(frozen=True, slots=True)
 class _Columns:
-    """The features of a tile as arrays, in one order."""
+    """The numbers of a tile as arrays, for searching."""
 
-    features: list[Served]
     latitude_deg: FloatArray
     longitude_deg: FloatArray
     expires_at_us: NDArray[np.int64]
@@ -54,25 +72,28 @@ class TileFeatures:
 
     def __init__(self, version: int, features: Iterable[Served]) -> None:
         self.version = version
-        self._features = {feature.identifier: feature for feature in features}
+        self.size_bytes = 0
+        self._index: dict[bytes, int] = {}
+        self._marks: list[bytes] = []
+        self._bodies: list[bytes] = []
+        self._latitude_deg, self._longitude_deg, self._expires_at_us = array("d"), array("d"), array("q")
         self._columns: _Columns | None = None
-        self.size_bytes = sum(map(_size_bytes, self._features.values()))
+        for feature in features:
+            self._add(feature)
 
     def apply(self, change: TileChange) -> None:
         """Take the next change of the tile."""
         self._columns = None
         self.version = change.seq
-        if known := self._features.pop(change.identifier, None):
-            self.size_bytes -= _size_bytes(known)
+        self._drop(change.identifier)
         if change.served is not None:
-            self._features[change.identifier] = change.served
-            self.size_bytes += _size_bytes(change.served)
+            self._add(change.served)
 
-    def within(self, centre: LatLon, radius_m: float, now_us: int) -> list[tuple[float, Served]]:
-        """Features within a geodesic radius (a few km at most) that have not expired, with their distances (m)."""
-        columns = self._columns = self._columns or _columns(list(self._features.values()))
-        if not columns.features:
+    def within(self, centre: LatLon, radius_m: float, now_us: int) -> list[Found]:
+        """Features within a geodesic radius (a few km at most) that have not expired."""
+        if not self._marks:
             return []
+        columns = self._columns = self._columns or self._as_arrays()
         north_deg = columns.latitude_deg - centre.latitude_deg
         east_deg = columns.longitude_deg - centre.longitude_deg
         # Across the antimeridian.
@@ -81,12 +102,47 @@ class TileFeatures:
         north_m = north_scale_m * north_deg
         east_m = (east_scale_m + east_slope_m * north_deg) * east_deg
         squared_m2 = north_m * north_m + east_m * east_m
-        outer_m = radius_m * (1 + _EDGE)
-        near = np.flatnonzero((squared_m2 <= outer_m * outer_m) & (columns.expires_at_us > now_us))
-        apart = np.sqrt(squared_m2[near]).tolist()
-        found = zip(apart, (columns.features[index] for index in near.tolist()), strict=True)
-        sure_m = radius_m * (1 - _EDGE)
-        return [(apart_m, item) for apart_m, item in found if apart_m <= sure_m or _is_inside(item, centre, radius_m)]
+        error_m = _error_m(radius_m)
+        near = np.flatnonzero((squared_m2 <= (radius_m + error_m) ** 2) & (columns.expires_at_us > now_us))
+        found = map(self._found, near.tolist(), np.sqrt(squared_m2[near]).tolist())
+        sure_m = radius_m - error_m
+        return [item for item in found if item.distance_m <= sure_m or _geodesic_m(item, centre) <= radius_m]
+
+    def _found(self, index: int, apart_m: float) -> Found:
+        return Found(
+            apart_m, self._marks[index], self._bodies[index], self._latitude_deg[index], self._longitude_deg[index]
+        )
+
+    def _as_arrays(self) -> _Columns:
+        return _Columns(
+            np.array(self._latitude_deg, dtype=np.float64),
+            np.array(self._longitude_deg, dtype=np.float64),
+            np.array(self._expires_at_us, dtype=np.int64),
+        )
+
+    def _add(self, feature: Served) -> None:
+        self._drop(feature.mark[:_ID_BYTES])
+        self._index[feature.mark[:_ID_BYTES]] = len(self._marks)
+        self._marks.append(feature.mark)
+        self._bodies.append(feature.body)
+        self._latitude_deg.append(feature.latitude_deg)
+        self._longitude_deg.append(feature.longitude_deg)
+        self._expires_at_us.append(feature.expires_at_us)
+        self.size_bytes += _OVERHEAD_BYTES + len(feature.body)
+
+    def _drop(self, identifier: bytes) -> None:
+        """Take a feature out, if it is there; the last one takes its place."""
+        index = self._index.pop(identifier, None)
+        if index is None:
+            return
+        self.size_bytes -= _OVERHEAD_BYTES + len(self._bodies[index])
+        _replace_by_last(self._marks, index)
+        _replace_by_last(self._bodies, index)
+        _replace_by_last(self._latitude_deg, index)
+        _replace_by_last(self._longitude_deg, index)
+        _replace_by_last(self._expires_at_us, index)
+        if index < len(self._marks):
+            self._index[self._marks[index][:_ID_BYTES]] = index
 
 
 class TileCache:
@@ -128,19 +184,31 @@ class TileCache:
             self.size_bytes -= oldest.size_bytes
 
 
-def _columns(features: list[Served]) -> _Columns:
-    return _Columns(
-        features,
-        np.array([feature.latitude_deg for feature in features], dtype=np.float64),
-        np.array([feature.longitude_deg for feature in features], dtype=np.float64),
-        np.array([feature.expires_at_us for feature in features], dtype=np.int64),
-    )
+def in_order(found: Iterable[Found], centre: LatLon) -> list[Found]:
+    """By geodesic distance, then by id; the geodesic is only solved where the local metric cannot tell."""
+    ordered = sorted(found)
+    close = [index for index, (one, next_) in enumerate(pairwise(ordered)) if _may_swap(one, next_)]
+    if not close:
+        return ordered
+    for index in sorted({*close, *(index + 1 for index in close)}):
+        ordered[index] = ordered[index]._replace(distance_m=_geodesic_m(ordered[index], centre))
+    return sorted(ordered)
 
 
-def _is_inside(feature: Served, centre: LatLon, radius_m: float) -> bool:
+def _replace_by_last(column: MutableSequence[T], index: int) -> None:
+    last = column.pop()
+    if index < len(column):
+        column[index] = last
+
+
+def _may_swap(one: Found, next_: Found) -> bool:
+    return next_.distance_m - one.distance_m <= 2 * _error_m(next_.distance_m)
+
+
+def _error_m(distance_m: float) -> float:
+    return _LEAST_ERROR_M + _ERROR_PER_M2 * distance_m * distance_m
+
+
+def _geodesic_m(feature: Found, centre: LatLon) -> float:
     place = LatLon(latitude_deg=feature.latitude_deg, longitude_deg=feature.longitude_deg)
-    return distance_m(place, centre) <= radius_m
-
-
-def _size_bytes(feature: Served) -> int:
-    return len(feature.body) + _OVERHEAD_BYTES
+    return distance_m(centre, place)

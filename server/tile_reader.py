@@ -29,6 +29,7 @@ _obstacle, _event = tables.obstacle, tables.event
 _VERSION = select(tables.tile.c.version).where(
     tables.tile.c.shard == bindparam("shard"), tables.tile.c.tile == bindparam("tile")
 )
+_VERSIONS = "SELECT tile, version FROM tile WHERE shard = ANY($1::int2[]) AND tile = ANY($2::int8[])"
 _LIVE = select(_obstacle).where(
     _obstacle.c.cell.between(bindparam("low"), bindparam("high")),
     _obstacle.c.state != State.REMOVED.value,
@@ -50,6 +51,9 @@ class TileReader:
 
     async def versions(self, wanted: Sequence[int]) -> Versions:
         """The present versions of tiles."""
+        if self._database.driver is not None:
+            shards = sorted({shard_of_tile(number) for number in wanted})
+            return dict(await self._database.driver.fetch(_VERSIONS, shards, wanted))
         numbers = padded(wanted)
         values = numbered("shard", [shard_of_tile(number) for number in numbers]) | numbered("tile", numbers)
         async with self._database.read() as connection:
@@ -72,18 +76,17 @@ class TileReader:
             found = (await connection.execute(_CHANGES, values)).all()
         if not found or len(found) > _MOST_CHANGES or found[0].seq != after + 1:
             return None
-        return [TileChange(row.seq, row.obstacle_id, _still_served(tile, row.body)) for row in found]
+        return [TileChange(row.seq, row.obstacle_id.bytes, _still_served(tile, row.body)) for row in found]
 
     def _served(self, row: RowMapping) -> Served:
         body = row["feature"]
         if body is None:
             body = feature_of(rows.obstacle_of(row), self._life).model_dump_json()
         return Served(
-            identifier=row["id"],
+            mark=mark_of(row["id"], row["revision"]),
             latitude_deg=row["latitude_deg"],
             longitude_deg=row["longitude_deg"],
             expires_at_us=_microseconds(row["expires_at"]),
-            mark=mark_of(row["id"], row["revision"]),
             body=body.encode(),
         )
 
@@ -96,11 +99,10 @@ def _still_served(tile: int, body: str) -> Served | None:
 
 def _served(feature: ObstacleFeature, body: str) -> Served:
     return Served(
-        identifier=feature.id,
+        mark=mark_of(feature.id, feature.properties.revision),
         latitude_deg=feature.position.latitude_deg,
         longitude_deg=feature.position.longitude_deg,
         expires_at_us=_microseconds(feature.properties.expires_at),
-        mark=mark_of(feature.id, feature.properties.revision),
         body=body.encode(),
     )
 
