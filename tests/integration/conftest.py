@@ -42,7 +42,7 @@ def database_url(request: pytest.FixtureRequest, tmp_path: Path) -> str:
     if request.param == "sqlite":
         url = f"sqlite+aiosqlite:///{tmp_path}/headsup.sqlite3"
     else:
-        url = _fresh_postgres(request.getfixturevalue("postgres"))
+        url = fresh_postgres(request.getfixturevalue("postgres"))
     asyncio.run(upgraded(url))
     return url
 
@@ -76,7 +76,7 @@ async def serving(settings: Settings) -> AsyncIterator[httpx.AsyncClient]:
             yield client
 
 
-def _fresh_postgres(server: PostgresServer) -> str:
+def fresh_postgres(server: PostgresServer) -> str:
     name = f"t{uuid4().hex}"
     server.psql(f"CREATE DATABASE {name};")
     socket_folder = str(server.get_postmaster_info().socket_dir)
