@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import base64
+import copy
 import json
 import random
 from collections.abc import Callable
@@ -75,6 +76,10 @@ class Hostile:
         """One request, or what pretends to be one."""
         return self._chance.choice(self._makers)()
 
+    def _nasty(self) -> Any:
+        # A copy: what was put in may be mutated next.
+        return copy.deepcopy(self._chance.choice(_NASTY))
+
     def _mutated(self) -> bytes:
         """A valid batch with one to three members replaced, removed or added."""
         body = _batch()
@@ -94,11 +99,11 @@ class Hostile:
                 continue
             turn = self._chance.random()
             if turn < 0.8:
-                value[key] = self._chance.choice(_NASTY)
+                value[key] = self._nasty()
             elif turn < 0.9:
                 del value[key]
             elif isinstance(value, dict):
-                value[str(self._chance.choice(_NASTY))] = self._chance.choice(_NASTY)
+                value[str(self._nasty())] = self._nasty()
             return
 
     def _garbled(self) -> bytes:
@@ -124,7 +129,7 @@ class Hostile:
 
     def _action(self) -> bytes:
         body: Any = {"action": self._chance.choice(("confirm", "dismiss", "repaired", "inspection_state", "x"))}
-        body[self._chance.choice(("note", "action", "inspection_state", "x"))] = self._chance.choice(_NASTY)
+        body[self._chance.choice(("note", "action", "inspection_state", "x"))] = self._nasty()
         return self._post(f"/v1/obstacles/{_ID}/actions", json.dumps(body).encode())
 
     def _query(self) -> bytes:
