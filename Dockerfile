@@ -13,11 +13,14 @@ COPY requirements-server.lock /tmp/requirements-server.lock
 RUN pip install --no-cache-dir --require-hashes -r /tmp/requirements-server.lock
 COPY --from=wheel /wheels /wheels
 RUN pip install --no-cache-dir --no-deps /wheels/*.whl \
-    && useradd --system --uid 10001 --home-dir /data headsup \
-    && install --directory --owner headsup /data
-USER 10001
+    && groupadd --system --gid 10001 headsup \
+    && useradd --system --uid 10001 --gid headsup --home-dir /data headsup \
+    && install --directory --owner headsup --group headsup --mode 0700 /data
+USER 10001:10001
+WORKDIR /data
 VOLUME /data
 EXPOSE 8000
 HEALTHCHECK --interval=10s --timeout=3s --start-period=20s \
     CMD ["python", "-c", "import urllib.request; urllib.request.urlopen('http://127.0.0.1:8000/healthz', timeout=2)"]
+STOPSIGNAL SIGTERM
 CMD ["headsup", "serve"]
