@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import pytest
@@ -36,6 +37,16 @@ def test_what_listens_beyond_loopback(host: str, beyond: bool) -> None:
         {"port": 70_000},
         {"policy": "strict"},
         {"write_deadline_s": 0},
+        {"retention_days": 6},
+        {"vehicle_rate_hz": 0},
+        {"failed_keys_per_minute": float("nan")},
+        {"trusted_proxies": "*"},
+        {"trusted_proxies": "10.0.0.1/8"},
+        {"cors_origins": "*"},
+        {"cors_origins": "map.example"},
+        {"cors_origins": "https://map.example/page"},
+        {"metrics": "everybody"},
+        {"log_format": "xml"},
     ],
 )
 def test_what_cannot_work_is_refused_on_load(wrong: dict[str, object]) -> None:
@@ -82,3 +93,48 @@ def test_no_service_runs_as_root_or_writes_to_its_image() -> None:
         image = service["image"]
         assert ":" in image, name
         assert not image.endswith(":latest"), name
+
+
+def documented() -> dict[str, str]:
+    """Variables of the table in docs/operations.md, with the default that it gives."""
+    text = (ROOT / "docs" / "operations.md").read_text()
+    return dict(re.findall(r"^\| `(HEADSUP_\w+)` \| `?(.*?)`? \|", text, re.MULTILINE))
+
+
+def test_every_setting_is_documented_with_its_default() -> None:
+    def written(value: object) -> str:
+        if value is None or value == ():
+            return "none" if value is None else "empty"
+        return f"{value:g}" if isinstance(value, float) else str(value)
+
+    defaults = {f"HEADSUP_{name.upper()}": field.default for name, field in Settings.model_fields.items()}
+    assert documented() == {name: written(value) for name, value in defaults.items()}
+
+
+def test_every_variable_that_the_page_names_is_a_setting() -> None:
+    named = set(re.findall(r"HEADSUP_[A-Z_]+[A-Z]", (ROOT / "docs" / "operations.md").read_text()))
+    assert named == set(documented())
+
+
+@pytest.mark.parametrize(
+    ("variable", "value", "expected"),
+    [
+        ("HEADSUP_TRUSTED_PROXIES", "127.0.0.1, 10.0.0.0/8", ("127.0.0.1", "10.0.0.0/8")),
+        ("HEADSUP_TRUSTED_PROXIES", "", ()),
+        (
+            "HEADSUP_CORS_ORIGINS",
+            "https://map.example,http://localhost:3000",
+            ("https://map.example", "http://localhost:3000"),
+        ),
+    ],
+)
+def test_lists_are_written_with_commas(
+    monkeypatch: pytest.MonkeyPatch, variable: str, value: str, expected: tuple[str, ...]
+) -> None:
+    monkeypatch.setenv(variable, value)
+    assert getattr(Settings(), variable.removeprefix("HEADSUP_").lower()) == expected
+
+
+def test_a_batch_that_could_never_be_taken_is_refused_naming_both_settings() -> None:
+    with pytest.raises(ValidationError, match="HEADSUP_REPORT_RATE_HZ times HEADSUP_RATE_BURST_S"):
+        Settings(report_rate_hz=10, rate_burst_s=5)
