@@ -195,15 +195,20 @@ def _batch() -> Any:
     return batch.model_dump(mode="json")
 
 
-async def status_of(port: int, request: bytes) -> int:
-    """Status of the answer to raw bytes; 0 when the connection ends without one."""
+async def status_of(port: int, request: bytes, patience_s: float) -> int:
+    """Status of the answer to raw bytes; 0 when there is none within `patience_s`, or the connection ends."""
     reader, writer = await asyncio.open_connection("127.0.0.1", port)
     try:
         writer.write(request)
-        writer.write_eof()
-        answer = await asyncio.wait_for(reader.read(), 60)
-    except ConnectionError:
+        async with asyncio.timeout(patience_s):
+            line = await reader.readline()
+            # An interim answer, to `Expect`, is followed by the real one.
+            while line.startswith(b"HTTP/1.1 1"):
+                while (await reader.readline()).strip():
+                    pass
+                line = await reader.readline()
+    except (ConnectionError, TimeoutError):
         return 0
     finally:
         writer.close()
-    return int(answer.split(b" ", 2)[1]) if answer.startswith(b"HTTP/") else 0
+    return int(line.split(b" ", 2)[1]) if line.startswith(b"HTTP/") else 0

@@ -18,6 +18,10 @@ from tests.unit.server.making import HOUR, detection, message
 
 # Caches of statements and parsers fill within the first thousands; what grows after that, grows for ever.
 _GROWTH_BYTES = 24 << 20
+# For requests that never end. An answer that takes longer shows as none, of which there must be few.
+_PATIENCE_S = 3.0
+# Some hostile requests carry keys: their limit is another test's.
+_NO_LIMIT = {"HEADSUP_FAILED_KEYS_PER_MINUTE": "1e9"}
 
 
 async def _attacked(port: int, number: int, seed: int) -> Counter[int]:
@@ -28,7 +32,7 @@ async def _attacked(port: int, number: int, seed: int) -> Counter[int]:
     async def attacker() -> None:
         for _ in waiting:
             request = hostile.request()
-            status = await status_of(port, request)
+            status = await status_of(port, request, _PATIENCE_S)
             statuses[status] += 1
             assert status not in (500, 502, 504), request[:2_000]
 
@@ -48,15 +52,16 @@ def _still_serves(server: ServerProcess) -> None:
 
 
 def test_five_hundred_hostile_requests_are_refused_and_the_server_serves_on(tmp_path: Path) -> None:
-    with serving_processes(f"sqlite+aiosqlite:///{tmp_path}/headsup.sqlite3") as (server,):
+    with serving_processes(f"sqlite+aiosqlite:///{tmp_path}/headsup.sqlite3", **_NO_LIMIT) as (server,):
         statuses = asyncio.run(_attacked(server.port, 500, seed=1))
         _still_serves(server)
-    assert {400, 404, 413, 415, 422} <= set(statuses), "the requests were not as hostile as they should be"
+    assert {200, 400, 404, 413, 415, 422} <= set(statuses), "the requests were not as hostile as they should be"
+    assert statuses[0] < 0.2 * statuses.total(), statuses
 
 
 @pytest.mark.soak
 def test_ten_thousand_hostile_requests_leave_no_memory_behind(database_url: str) -> None:
-    with serving_processes(database_url) as (server,):
+    with serving_processes(database_url, **_NO_LIMIT) as (server,):
         statuses = asyncio.run(_attacked(server.port, 4_000, seed=2))
         before_bytes = server.resident_bytes
         statuses += asyncio.run(_attacked(server.port, 6_000, seed=3))
@@ -98,7 +103,7 @@ def test_bodies_that_drip_hold_up_nobody_and_cost_little(tmp_path: Path) -> None
         await asyncio.gather(*drips)
         return waits_s
 
-    with serving_processes(f"sqlite+aiosqlite:///{tmp_path}/headsup.sqlite3") as (server,):
+    with serving_processes(f"sqlite+aiosqlite:///{tmp_path}/headsup.sqlite3", **_NO_LIMIT) as (server,):
         before_bytes = server.resident_bytes
         assert len(asyncio.run(attacked(server))) == 10
         assert server.resident_bytes - before_bytes < _GROWTH_BYTES
