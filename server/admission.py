@@ -22,6 +22,8 @@ _MOST_ADDRESSES = 10_000
 # An allocation of IPv6 is a /64: counting single addresses would count nothing.
 _IPV6_PREFIX = 64
 _SOCKET_WAIT_S = 10.0
+# Meanwhile it is not noticed that the vehicle has gone, or that the server is to end.
+_LONGEST_PAUSE_S = 2.0
 
 
 class Admission:
@@ -70,11 +72,15 @@ class Admission:
             raise self._refusal("reports", wait_s)
 
     async def pace(self, caller: Caller) -> None:
-        """Wait until a message on a socket is due: each counts like a request."""
+        """Wait until a message on a socket is due, which counts like a request; not for long, since nobody reads."""
         if caller.is_anonymous:
             return
-        # Others of the same key may be quicker after the pause.
-        while wait_s := self._requests[caller.role].take(caller.key_id, time.monotonic()):  # noqa: ASYNC110
+        due_s = time.monotonic() + _LONGEST_PAUSE_S
+        while wait_s := self._requests[caller.role].take(caller.key_id, time.monotonic()):
+            if time.monotonic() + wait_s > due_s:
+                await asyncio.sleep(_LONGEST_PAUSE_S)
+                return
+            # Others of the same key may be quicker after it.
             await asyncio.sleep(wait_s)
 
     @contextmanager

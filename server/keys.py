@@ -24,6 +24,8 @@ _OPEN, _BOOTSTRAP = "open", "bootstrap"
 _KEY_BELIEVED_S, _OPEN_BELIEVED_S = 15.0, 1.0
 # Only valid keys are remembered; a fleet of this size fits.
 _REMEMBERED_HEADERS = 100_000
+# One key can be written with any number of spaces, and each way would be remembered.
+_LONGEST_HEADER = 512
 
 
 class Role(StrEnum):
@@ -93,7 +95,7 @@ class Keys:
         if authorization is None:
             return await self._anonymous()
         scheme, _, key = authorization.partition(" ")
-        if scheme.lower() != "bearer" or not key.strip():
+        if scheme.lower() != "bearer" or not key.strip() or len(authorization) > _LONGEST_HEADER:
             raise UnauthenticatedError("send `Authorization: Bearer KEY`")
         return await self._owner(_sha256(key.strip()))
 
