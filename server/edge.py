@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 import time
+from collections.abc import Awaitable
 from typing import Literal
 
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
@@ -24,39 +25,37 @@ _METHODS = frozenset({"GET", "HEAD", "POST", "PUT", "PATCH", "DELETE", "OPTIONS"
 
 
 class Edge:
-    """ASGI middleware; puts the request's context into `request_context.CURRENT`."""
+    """ASGI middleware; puts the request's context into `request_context.CURRENT`.
+
+    It is on the way of every nearby query: where a coroutine can be handed on, none is wrapped around it.
+    """
 
     def __init__(self, app: ASGIApp, counts: RequestCounts, log_requests: Literal["failed", "all"]) -> None:
         self._app, self._counts, self._names = app, counts, RequestNames()
         self._logs_all = log_requests == "all"
 
-    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+    def __call__(self, scope: Scope, receive: Receive, send: Send) -> Awaitable[None]:
         """Serve one request or socket."""
-        if scope["type"] == "lifespan":
-            await self._app(scope, receive, send)
-            return
-        context = self._names.context(scope["headers"])
-        before = CURRENT.set(context)
-        try:
-            if scope["type"] == "http":
-                await self._serve(context, scope, receive, send)
-            else:
-                await self._app(scope, receive, _denials_named(context, send))
-        finally:
-            CURRENT.reset(before)
+        if scope["type"] == "http":
+            return self._serve(scope, receive, send)
+        if scope["type"] == "websocket":
+            return self._connect(scope, receive, send)
+        return self._app(scope, receive, send)
 
-    async def _serve(self, context: RequestContext, scope: Scope, receive: Receive, send: Send) -> None:
+    async def _serve(self, scope: Scope, receive: Receive, send: Send) -> None:
         begun_s = time.perf_counter()
+        context = self._names.context(scope["headers"])
         added = _headers(context, scope["path"])
         status = 0
 
-        async def named(message: Message) -> None:
+        def named(message: Message) -> Awaitable[None]:
             nonlocal status
             if message["type"] == "http.response.start":
                 status = message["status"]
                 message["headers"] = [*message["headers"], *added]
-            await send(message)
+            return send(message)
 
+        before = CURRENT.set(context)
         try:
             await self._app(scope, receive, named)
         except Exception:  # whatever it is, the caller gets a problem and the log its place
@@ -65,12 +64,20 @@ class Edge:
                 raise
             await unexpected_problem()(scope, receive, named)
         finally:
-            self._done(scope, status, time.perf_counter() - begun_s)
+            # Without a status the caller has gone before the answer.
+            if status:
+                self._done(scope, status, time.perf_counter() - begun_s)
+            CURRENT.reset(before)
+
+    async def _connect(self, scope: Scope, receive: Receive, send: Send) -> None:
+        context = self._names.context(scope["headers"])
+        before = CURRENT.set(context)
+        try:
+            await self._app(scope, receive, _denials_named(context, send))
+        finally:
+            CURRENT.reset(before)
 
     def _done(self, scope: Scope, status: int, took_s: float) -> None:
-        # Without a status the caller has gone before the answer.
-        if not status:
-            return
         self._counts.observe(_method(scope), _route(scope), status, took_s)
         if status >= _FAILED or self._logs_all or took_s >= _SLOW_S:
             fields = _asked(scope) | {"status": status, "duration_ms": round(1000 * took_s, 2)}
@@ -94,10 +101,10 @@ def _headers(context: RequestContext, path: str) -> RawHeaders:
 def _denials_named(context: RequestContext, send: Send) -> Send:
     """`send` for a socket: a refusal before it is accepted is an ordinary answer."""
 
-    async def named(message: Message) -> None:
+    def named(message: Message) -> Awaitable[None]:
         if message["type"] == "websocket.http.response.start":
             message["headers"] = [*message["headers"], *_headers(context, "")]
-        await send(message)
+        return send(message)
 
     return named
 
