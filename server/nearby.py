@@ -7,13 +7,14 @@ sent. Tiles whose version rose get the changed rows from the event log; tiles th
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
 
 from contract.geometry import LatLon
 from server.counters import NearbyCounts
 from server.database import Database
+from server.errors import UnavailableError
 from server.policy import Life
 from server.quadkey import tiles
 from server.tile_cache import Found, TileCache, TileFeatures, in_order
@@ -22,6 +23,8 @@ from server.tile_reader import TileReader, Versions
 GREATEST_RADIUS_M = 2_000.0
 """Wider circles touch too many tiles: they are for SQL."""
 _EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
+# A check and the changes since take some milliseconds; hardly any street changes as often for seconds.
+_MOST_CHECKS = 100
 
 
 @dataclass(slots=True)
@@ -52,14 +55,26 @@ class Nearby:
         """Live obstacles within a geodesic radius of at most `GREATEST_RADIUS_M`, nearest first."""
         self.counts.queries += 1
         wanted = tiles(centre, radius_m)
-        versions = await self._versions(wanted)
         now_us = int((now - _EPOCH).total_seconds() * 1e6)
         found: list[Found] = []
-        for tile in wanted:
-            # A tile without a row was never written to.
-            if version := versions.get(tile, 0):
-                found += (await self._fresh(tile, version)).within(centre, radius_m, now_us)
+        for tile in await self._as_of_one_moment(wanted):
+            found += tile.within(centre, radius_m, now_us)
         return in_order(found, centre)
+
+    async def _as_of_one_moment(self, wanted: Sequence[int]) -> list[TileFeatures]:
+        """The tiles that were ever written to, all at the versions of one check.
+
+        Were one of them later than another, an obstacle that moved between them would be told twice, or not at all.
+        """
+        for _ in range(_MOST_CHECKS):
+            # A tile without a row was never written to.
+            versions = {tile: version for tile, version in (await self._versions(wanted)).items() if version}
+            # The answer is that of all who waited for the check.
+            here = [tile for tile in wanted if tile in versions]
+            fresh = [await self._fresh(tile, versions[tile]) for tile in here]
+            if len(here) == 1 or all(item.version == versions[tile] for tile, item in zip(here, fresh, strict=True)):
+                return fresh
+        raise UnavailableError("what is there changes faster than it can be read; ask again")
 
     async def _versions(self, wanted: Iterable[int]) -> Versions:
         """Versions of tiles, read by a statement that is sent after this call."""

@@ -61,13 +61,18 @@ class TileReader:
             return {row.tile: row.version for row in found}
 
     async def tile(self, tile: int) -> TileFeatures:
-        """All that is live in a tile. Its version is read first: later changes are then applied twice, never missed."""
+        """All that is live in a tile, as of its version."""
         low, high = cells_of_tile(tile)
+        here = {"shard": shard_of_tile(tile), "tile": tile}
         async with self._database.read() as connection:
-            here = {"shard": shard_of_tile(tile), "tile": tile}
             version = (await connection.execute(_VERSION, here)).scalar_one()
-            found = (await connection.execute(_LIVE, {"low": low, "high": high, "now": datetime.now(UTC)})).mappings()
-            return TileFeatures(version, [self._served(row) for row in found])
+            while True:
+                values = {"low": low, "high": high, "now": datetime.now(UTC)}
+                found = (await connection.execute(_LIVE, values)).mappings().all()
+                before, version = version, (await connection.execute(_VERSION, here)).scalar_one()
+                # Between two equal versions nothing has changed.
+                if before == version:
+                    return TileFeatures(version, [self._served(row) for row in found])
 
     async def changes(self, tile: int, after: int) -> list[TileChange] | None:
         """What changed in a tile after a version; None when that is too much, or no longer in the log."""
