@@ -16,21 +16,23 @@ from contract.geometry import LatLon
 from contract.observation import State
 from server import rows, tables
 from server.identity import shard_of_id
-from server.obstacle import Obstacle
+from server.obstacle import Obstacle, Witness
 from server.plausibility import LastPlace
 from server.policy import Life
 from server.quadkey import Ranges, cover, shard_of_tile
 from server.statements import (
     answers_to,
+    evidence_about,
     evidence_in,
     numbered,
     obstacles_in,
+    obstacles_in_spans,
     padded,
     places_of,
     range_values,
     tiles_for_update,
 )
-from server.working_set import Tile, WorkingSet, with_evidence
+from server.working_set import Evidence, Tile, WorkingSet
 
 ReportName = tuple[str, UUID]
 
@@ -68,18 +70,37 @@ class Repository:
         """All obstacles in ranges of cells, removed ones too, with the evidence that decisions may need."""
         if not ranges:
             return WorkingSet(held, (), {}, self._life)
-        ranges = padded(ranges)
+        names = sorted(set(witnesses))
+        if self._connection.dialect.name == "sqlite":
+            found, evidence = await self._read_by_ranges(padded(ranges), padded(names))
+        else:
+            found, evidence = await self._read_by_arrays(ranges, names)
+        by_obstacle: dict[UUID, list[Witness]] = {}
+        for (identifier, _), witness in evidence.items():
+            by_obstacle.setdefault(identifier, []).append(witness)
+        obstacles = [rows.obstacle_of(row, by_obstacle.get(row["id"], ())) for row in found]
+        return WorkingSet(held, obstacles, evidence, self._life)
+
+    async def _read_by_ranges(self, ranges: Ranges, names: Sequence[str]) -> tuple[Sequence[RowMapping], Evidence]:
         here = range_values(ranges)
         found = (await self._connection.execute(obstacles_in(len(ranges)), here)).mappings().all()
         if not found:
-            return WorkingSet(held, (), {}, self._life)
-        names = padded(sorted(set(witnesses)))
+            return found, {}
         query, values = evidence_in(len(ranges), len(names)), here | numbered("name", names)
-        evidence = {
-            (row["obstacle_id"], row["name"]): rows.witness_of(row)
-            for row in (await self._connection.execute(query, values)).mappings()
+        return found, _evidence((await self._connection.execute(query, values)).mappings())
+
+    async def _read_by_arrays(self, ranges: Ranges, names: Sequence[str]) -> tuple[Sequence[RowMapping], Evidence]:
+        spans = {"lows": [low for low, _ in ranges], "highs": [high for _, high in ranges]}
+        found = (await self._connection.execute(obstacles_in_spans(), spans)).mappings().all()
+        if not found:
+            return found, {}
+        about = {
+            "shards": [row["shard"] for row in found],
+            "ids": [row["id"] for row in found],
+            "sinces": [row["absent_since"] for row in found],
+            "names": names,
         }
-        return WorkingSet(held, with_evidence(map(rows.obstacle_of, found), evidence), evidence, self._life)
+        return found, _evidence((await self._connection.execute(evidence_about(), about)).mappings())
 
     async def near(self, centre: LatLon, radius_m: float, now: datetime) -> tuple[Obstacle, ...]:
         """Live obstacles in the cells of a circle (a little more than the circle) that have not expired."""
@@ -139,6 +160,10 @@ class Repository:
         if self._connection.dialect.name == "sqlite":
             return sqlite.insert(table).on_conflict_do_nothing()
         return postgresql.insert(table).on_conflict_do_nothing()
+
+
+def _evidence(found: Iterable[RowMapping]) -> Evidence:
+    return {(row["obstacle_id"], row["name"]): rows.witness_of(row) for row in found}
 
 
 def _in_cells(ranges: Ranges) -> ColumnElement[bool]:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from bisect import bisect_left, bisect_right, insort
 from collections.abc import Iterable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from datetime import datetime
 from typing import Literal
 from uuid import UUID
@@ -152,14 +152,6 @@ def _outcome(before: Obstacle, after: Obstacle) -> Outcome | None:
         return "shared"
     denied = after.removed_reason == "absent" or after.inspection_state is InspectionState.NOT_AN_ISSUE
     return "refuted" if before.is_live and not after.is_live and denied else None
-
-
-def with_evidence(obstacles: Iterable[Obstacle], evidence: Evidence) -> list[Obstacle]:
-    """Obstacles with the evidence that was read for them."""
-    by_obstacle: dict[UUID, list[Witness]] = {}
-    for (identifier, _), witness in evidence.items():
-        by_obstacle.setdefault(identifier, []).append(witness)
-    return [replace(item, evidence=tuple(by_obstacle.get(item.id, ()))) for item in obstacles]
 
 
 def _cell(place: tuple[int, UUID]) -> int:
