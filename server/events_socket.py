@@ -88,5 +88,6 @@ async def _close(socket: WebSocket, ended: asyncio.Task[None]) -> None:
         await socket.close(_KEY_REVOKED, "the key was revoked")
     else:
         await socket.close(_TRY_AGAIN_LATER, "try again")
-        if error is not None:
+        # A database that is away is no fault of the server's own.
+        if error is not None and not isinstance(error, ServiceError):
             raise error

@@ -5,12 +5,16 @@ from __future__ import annotations
 import asyncio
 import random
 import time
-from collections.abc import Iterator
+from collections.abc import AsyncIterator, Iterator
+from contextlib import AsyncExitStack, asynccontextmanager, suppress
 
 import httpx
 import pytest
+from websockets.asyncio.client import ClientConnection, connect
+from websockets.exceptions import ConnectionClosedError
+from websockets.frames import CloseCode
 
-from contract.events import SUBPROTOCOL, Position, Snapshot, server_message
+from contract.events import SUBPROTOCOL, Moved, Position, Snapshot, server_message
 from contract.observation import ObservationReport
 from tests.integration.conftest import upgraded
 from tests.integration.invariants import assert_consistent, stored
@@ -106,15 +110,30 @@ async def _read_until(stop: asyncio.Event, client: httpx.AsyncClient, path: str,
         await asyncio.sleep(0.05)
 
 
-async def _subscribed(server: ServerProcess) -> None:
+@asynccontextmanager
+async def _subscribed(server: ServerProcess) -> AsyncIterator[ClientConnection]:
     """A vehicle that connects now gets its snapshot."""
-    from websockets.asyncio.client import connect
-
     url = f"ws://127.0.0.1:{server.port}/v1/events"
     async with connect(url, subprotocols=[SUBPROTOCOL], proxy=None) as socket:
-        await socket.send(Position(position_seq=1, position=PATRAS, radius_m=300).model_dump_json())
-        first = server_message.validate_json(await asyncio.wait_for(socket.recv(), 20))
-    assert isinstance(first, Snapshot)
+        await socket.send(_position(1))
+        assert isinstance(server_message.validate_json(await asyncio.wait_for(socket.recv(), 20)), Snapshot)
+        yield socket
+
+
+async def _drives_on(socket: ClientConnection) -> None:
+    """A vehicle that moves during an outage is acknowledged in the end, or told to come back."""
+    await socket.send(_position(2))
+    async with asyncio.timeout(_NO_HANG_S):
+        with suppress(ConnectionClosedError):
+            async for text in socket:
+                told = server_message.validate_json(text)
+                if isinstance(told, Moved) and told.position_seq == 2:
+                    return
+    assert socket.close_code == CloseCode.TRY_AGAIN_LATER
+
+
+def _position(seq: int) -> str:
+    return Position(position_seq=seq, position=PATRAS, radius_m=300 + seq).model_dump_json()
 
 
 async def _through_an_outage(
@@ -122,20 +141,23 @@ async def _through_an_outage(
 ) -> tuple[Tally, Tally]:
     """Write and read through an outage of the database; every refusal is polite, and all recovers by itself."""
     writes, reads, stop = Tally(), Tally(), asyncio.Event()
-    async with httpx.AsyncClient(base_url=server.url, trust_env=False, timeout=_NO_HANG_S) as client:
-        await _subscribed(server)
+    async with (
+        httpx.AsyncClient(base_url=server.url, trust_env=False, timeout=_NO_HANG_S) as client,
+        AsyncExitStack() as stack,
+    ):
+        connected = await stack.enter_async_context(_subscribed(server))
         readers = [asyncio.create_task(_read_until(stop, client, path, reads)) for path in _READS]
         writer = asyncio.create_task(settle([client], reports, 4, writes))
         await asyncio.sleep(0.5)
         if frozen:
             with postgres.frozen():
-                await asyncio.sleep(outage_s)
+                await asyncio.gather(asyncio.sleep(outage_s), _drives_on(connected))
         else:
             await asyncio.to_thread(postgres.kill)
-            await asyncio.sleep(outage_s)
+            await asyncio.gather(asyncio.sleep(outage_s), _drives_on(connected))
             await asyncio.to_thread(postgres.start)
         await writer
-        await _subscribed(server)
+        await stack.enter_async_context(_subscribed(server))
         stop.set()
         await asyncio.gather(*readers)
         # What was accepted before is known after, also to those who ask again.
