@@ -98,13 +98,13 @@ def _at_level(postgres: KillablePostgres, level: str) -> str:
 
 
 def test_two_servers_at_serializable_create_an_obstacle_at_a_tile_corner_once(own_postgres: KillablePostgres) -> None:
-    _converges(_at_level(own_postgres, "serializable"), servers=2, vehicles=10, each=8, writers=16)
+    _converges(_at_level(own_postgres, "serializable"), servers=2, vehicles=8, each=5, writers=12)
 
 
 def test_two_processes_on_one_sqlite_file_create_an_obstacle_once(tmp_path: Path) -> None:
     url = f"sqlite+aiosqlite:///{tmp_path}/headsup.sqlite3"
     asyncio.run(upgraded(url))
-    _converges(url, servers=2, vehicles=10, each=8, writers=16)
+    _converges(url, servers=2, vehicles=8, each=5, writers=12)
 
 
 @pytest.mark.soak
