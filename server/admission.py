@@ -22,6 +22,8 @@ _MOST_ADDRESSES = 10_000
 # An allocation of IPv6 is a /64: counting single addresses would count nothing.
 _IPV6_PREFIX = 64
 _SOCKET_WAIT_S = 10.0
+# Where a request keeps it, since one may go through two routes.
+_CALLER = "headsup.caller"
 # Meanwhile it is not noticed that the vehicle has gone, or that the server is to end.
 _LONGEST_PAUSE_S = 2.0
 
@@ -52,7 +54,10 @@ class Admission:
         return self._sockets.total()
 
     async def caller(self, connection: HTTPConnection) -> Caller:
-        """Who sent a request. Raises `UnauthenticatedError` or `TooManyRequestsError`."""
+        """Who sent a request, which counts once. Raises `UnauthenticatedError` or `TooManyRequestsError`."""
+        known: Caller | None = connection.scope.get(_CALLER)
+        if known is not None:
+            return known
         authorization = connection.headers.get("authorization")
         caller = self._keys.remembered(authorization)
         if caller is None:
@@ -62,6 +67,7 @@ class Admission:
             _must_be_of_this_machine()
         elif wait_s := self._requests[caller.role].take(caller.key_id, time.monotonic()):
             raise self._refusal("requests", wait_s)
+        connection.scope[_CALLER] = caller
         return caller
 
     def reports(self, caller: Caller, number: int) -> None:

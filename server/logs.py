@@ -30,10 +30,10 @@ _LONGEST_MESSAGE = 500
 
 def configure(level: str, form: LogFormat) -> None:
     """Send the log of this process to standard error."""
-    handler = logging.StreamHandler(sys.stderr)
+    handler = _StandardError()
     handler.setFormatter(JsonLines() if form == "json" else TextLines())
     root = logging.getLogger()
-    root.handlers[:] = [handler]
+    root.handlers[:] = [item for item in root.handlers if not isinstance(item, _StandardError)] + [handler]
     root.setLevel(logging.WARNING)
     for name in _OURS:
         logging.getLogger(name).setLevel(level.upper())
@@ -42,6 +42,18 @@ def configure(level: str, form: LogFormat) -> None:
         logger.handlers.clear()
         logger.propagate = True
         logger.setLevel(logging.WARNING)
+
+
+class _StandardError(logging.Handler):
+    """Writes to standard error as it is when something is written: tests and tools exchange it."""
+
+    def emit(self, record: logging.LogRecord) -> None:
+        """Write an entry; a full disk or a closed pipe costs the entry, and no request."""
+        try:
+            sys.stderr.write(self.format(record) + "\n")
+            sys.stderr.flush()
+        except (OSError, ValueError):
+            return
 
 
 class JsonLines(logging.Formatter):

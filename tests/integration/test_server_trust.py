@@ -11,12 +11,13 @@ import pytest
 from pydantic import SecretStr
 
 from contract.observation import MAX_BODY_BYTES, ObservationBatch, ObservationReport
+from server import readiness
 from server.keys import Role
 from server.settings import Settings
 from tests.integration.asking import AROUND_PATRAS, JSON, ago
 from tests.integration.conftest import OPERATOR_KEY
 from tests.integration.keys_of import bearer, client_of, keyed, opened
-from tests.unit.server.making import message
+from tests.unit.server.making import detection, message
 
 
 @pytest.fixture
@@ -61,6 +62,20 @@ async def test_every_route_counts_against_the_rate(limited: Settings) -> None:
             assert (await client.get(path, headers=bearer(key))).status_code == 200
         for path in ("/v1/obstacles?lat=0&lon=0", "/v1/obstacles?bbox=0,0,1,1", "/v1/actions"):
             assert (await client.get(path, headers=bearer(key))).status_code == 429
+
+
+async def test_a_request_that_goes_through_two_routes_counts_once(limited: Settings) -> None:
+    async with opened(limited) as app, client_of(app) as client:
+        two = batch(message(detection(0, 0), detection(30, 0), at=ago(1)))
+        assert (await client.post("/v1/observations", content=two, headers=JSON | bearer(OPERATOR_KEY))).is_success
+        (key,) = await keyed(app, Role.VEHICLE)
+        # Nearby queries are answered from memory unless they have more than one page.
+        asked = [
+            await client.get("/v1/obstacles", params={**AROUND_PATRAS, "limit": 1}, headers=bearer(key))
+            for _ in range(4)
+        ]
+        assert [answer.status_code for answer in asked] == [200, 200, 200, 429]
+        assert "next" in asked[0].headers["Link"]
 
 
 async def test_reports_are_limited_by_their_number(limited: Settings) -> None:
@@ -192,3 +207,13 @@ async def test_only_pages_of_named_origins_may_read(limited: Settings) -> None:
 
 def batch(*reports: ObservationReport) -> str:
     return ObservationBatch(sent_at=datetime.now(UTC), reports=reports).model_dump_json()
+
+
+async def test_a_server_whose_database_does_not_answer_is_not_ready(
+    limited: Settings, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    async with opened(limited) as app, client_of(app) as client:
+        assert (await client.get("/readyz")).json() == {"status": "ready"}
+        monkeypatch.setattr(readiness, "_WITHIN_S", 0.0)
+        assert problem(await client.get("/readyz")) == (503, "unavailable")
+        assert (await client.get("/healthz")).status_code == 200

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import io
 import json
 import logging
+import sys
 
 import pytest
 
-from server.logs import FIELDS, JsonLines, TextLines
+from server.logs import FIELDS, JsonLines, TextLines, configure
 from server.request_context import CURRENT, RequestContext
 
 SENSITIVE = "hu_a-key-and-38.2466-21.7346"
@@ -70,3 +72,22 @@ def test_a_chain_of_causes_that_bites_its_tail_ends() -> None:
     other = KeyError("y")
     error.__cause__, other.__cause__ = other, error
     assert len(json.loads(JsonLines().format(record("failed", error)))["failure"]) == 2
+
+
+def test_a_log_that_cannot_be_written_stops_nobody(monkeypatch: pytest.MonkeyPatch) -> None:
+    root, ours = logging.getLogger(), logging.getLogger("server")
+    before, level = root.handlers[:], ours.level
+    try:
+        configure("info", "text")
+        configure("info", "json")
+        assert len(root.handlers) == len(before) + 1
+        lines = io.StringIO()
+        monkeypatch.setattr(sys, "stderr", lines)
+        ours.info("still here")
+        lines.flush()
+        assert json.loads(lines.getvalue())["message"] == "still here"
+        lines.close()
+        ours.info("lost")
+    finally:
+        root.handlers[:] = before
+        ours.setLevel(level)
