@@ -1,17 +1,14 @@
-"""How fast the obstacle service is: against the bare framework, against validating only, as it grows, and its peers.
+"""How fast the obstacle service is: against the bare framework, against validating only, and as it grows.
 
 Real processes on one PostgreSQL 18 (fsync on), wrk as the load; all that is compared takes turns in the same run, so
 that what else the machine does falls on all. Processor time for each request, of the server and of its database, is
-the steadier figure. Needs `wrk` (Debian: `apt-get install wrk`); peers need PostGIS
-(`apt-get install postgresql-15-postgis-3`) and a virtual environment with `tipg` and `pygeoapi`.
+the steadier figure. Needs `wrk` (Debian: `apt-get install wrk`).
 
 Examples:
 
     python -m benchmarks.server --data data --folder /var/tmp/bench
 
     python -m benchmarks.server --obstacles 100000 --seconds 3 --only nearby
-
-    python -m benchmarks.server --data data --folder /var/tmp/bench --only peers --peers /var/tmp/peers
 """
 
 from __future__ import annotations
