@@ -19,6 +19,7 @@ from typer.testing import CliRunner, Result
 
 from contract.observation import ObservationBatch, ObservationBatchResult
 from headsup import server_commands
+from headsup.policy_command import policy_app
 from tests.unit.server.making import HOUR, detection, message
 
 PROGRAM = "from headsup.server_commands import serve; import typer; typer.run(serve)"
@@ -150,3 +151,18 @@ def test_what_cannot_work_ends_with_one_line(
     result = commands("serve")
     assert result.exit_code == 1
     assert len(result.stderr.strip().splitlines()) == 1
+
+
+def test_the_policy_that_is_shown_is_the_one_in_force(
+    url: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / "policy.toml"
+    path.write_text("[life]\nconfirming_witnesses = 3\n")
+    monkeypatch.setenv("HEADSUP_POLICY_FILE", str(path))
+    shown = CliRunner().invoke(policy_app, ["show"])
+    assert shown.exit_code == 0
+    assert "# One vehicle may be wrong, or lie.\nconfirming_witnesses = 3\n" in shown.stdout
+    path.write_text("[life]\nconfirming_witness = 3\n")
+    for refusal in (CliRunner().invoke(policy_app, ["show"]), commands("serve", "--port", "0")):
+        assert refusal.exit_code == 1
+        assert refusal.stderr.startswith(f"{path}: life.confirming_witness is unknown")
