@@ -101,12 +101,6 @@ def test_two_servers_at_serializable_create_an_obstacle_at_a_tile_corner_once(ow
     _converges(_at_level(own_postgres, "serializable"), servers=2, vehicles=8, each=5, writers=12)
 
 
-def test_two_processes_on_one_sqlite_file_create_an_obstacle_once(tmp_path: Path) -> None:
-    url = f"sqlite+aiosqlite:///{tmp_path}/headsup.sqlite3"
-    asyncio.run(upgraded(url))
-    _converges(url, servers=2, vehicles=8, each=5, writers=12)
-
-
 @pytest.mark.soak
 @pytest.mark.parametrize("level", LEVELS)
 def test_fifty_writers_at_two_servers_lose_nothing_at_any_isolation_level(

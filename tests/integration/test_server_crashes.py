@@ -87,7 +87,7 @@ def _assert_nothing_lost_or_twice(database_url: str, tally: Tally) -> None:
 
 
 def test_a_server_killed_under_load_loses_nothing_it_answered(database_url: str) -> None:
-    tally = _killed(database_url, 1, 60, seed=1)
+    tally = _killed(database_url, 1, 40, seed=1)
     _assert_nothing_lost_or_twice(database_url, tally)
 
 
@@ -170,7 +170,7 @@ async def _through_an_outage(
 @pytest.mark.parametrize(
     ("frozen", "outage_s", "number"),
     [
-        pytest.param(False, 1.0, 60),
+        pytest.param(False, 1.0, 30),
         pytest.param(False, 8.0, 600, marks=pytest.mark.soak),
         pytest.param(True, 20.0, 300, marks=pytest.mark.soak),
     ],

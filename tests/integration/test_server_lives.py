@@ -234,4 +234,4 @@ def test_whatever_vehicles_and_operators_do_what_was_answered_holds(make_url: Ca
 
 @pytest.mark.soak
 def test_whatever_they_do_for_long(make_url: Callable[[Path], str]) -> None:
-    _lived(make_url, examples=12, steps=40)
+    _lived(make_url, examples=5, steps=30)
