@@ -13,6 +13,7 @@ from typing import Any, TypeVar
 from sqlalchemy import (
     ARRAY,
     BigInteger,
+    ColumnClause,
     ColumnElement,
     Select,
     SmallInteger,
@@ -34,7 +35,8 @@ from server.quadkey import Ranges
 T = TypeVar("T")
 # The rest is made from these: the served text alone is half of a row.
 _DECIDED = [column for column in tables.obstacle.c if column.name not in ("cell", "expires_at", "feature")]
-_BIG, _NOTHING = ARRAY(BigInteger), literal_column("0")
+_BIG = ARRAY(BigInteger)
+_NOTHING: ColumnClause[int] = literal_column("0")
 
 
 def padded(values: Sequence[T]) -> tuple[T, ...]:
