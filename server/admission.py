@@ -111,7 +111,9 @@ class Admission:
 
     async def _looked_up(self, connection: HTTPConnection, authorization: str | None) -> Caller:
         address = _network(connection)
-        if wait_s := self._failures.wait_s(address, time.monotonic()):
+        # Whoever was served before shares the address with an attacker (a carrier's NAT, a proxy) and is none.
+        is_new = not self._keys.has_served(authorization)
+        if is_new and (wait_s := self._failures.wait_s(address, time.monotonic())):
             raise self._refusal("failed-keys", wait_s)
         try:
             return await self._keys.caller(authorization)

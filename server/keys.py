@@ -81,9 +81,17 @@ class Keys:
             return remembered.caller
         return None
 
+    def has_served(self, authorization: str | None) -> bool:
+        """Whether the header was good when it was last looked up."""
+        return authorization in self._remembered
+
     async def caller(self, authorization: str | None) -> Caller:
         """Who an `Authorization` header stands for, as the database says; it is believed for some seconds."""
-        caller = await self.looked_up(authorization)
+        try:
+            caller = await self.looked_up(authorization)
+        except UnauthenticatedError:
+            self._remembered.pop(authorization, None)
+            raise
         if len(self._remembered) >= _REMEMBERED_HEADERS:
             self._remembered.clear()
         believed_s = _OPEN_BELIEVED_S if caller.is_anonymous else _KEY_BELIEVED_S

@@ -89,7 +89,11 @@ async def test_reports_are_limited_by_their_number(limited: Settings) -> None:
         assert 1 <= int(answers[-1].headers["Retry-After"]) <= 21
 
 
-async def test_unknown_keys_of_one_address_are_limited_and_known_keys_are_still_served(limited: Settings) -> None:
+async def test_unknown_keys_of_one_address_are_limited_and_known_keys_are_still_served(
+    limited: Settings, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Also when the server has to ask the database again whether the key is good."""
+    monkeypatch.setattr("server.keys._KEY_BELIEVED_S", 0.0)
     async with opened(limited) as app:
         (known,) = await keyed(app, Role.READER)
         async with client_of(app, "203.0.113.5") as attacker, client_of(app, "198.51.100.7") as other:
