@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import logging
 import random
 from collections import deque
 from collections.abc import Awaitable, Callable, Sequence
@@ -25,7 +24,6 @@ GREATEST_GROUP = 64
 # Reports of a second at full load: what waits longer than a vehicle does is better refused at once.
 _GREATEST_BACKLOG = 8_192
 _FIRST_PAUSE_S, _GREATEST_PAUSE_S = 0.01, 0.5
-_LOG = logging.getLogger(__name__)
 
 Decide = Callable[[Sequence[Parcel]], Awaitable[Outcomes]]
 
