@@ -91,6 +91,9 @@ class Bounds:
         if self.south_deg > north_deg + _ROUNDING_DEG or self.north_deg < south_deg - _ROUNDING_DEG:
             return False
         west_deg, east_deg = (360.0 * column / (1 << zoom) - 180.0 for column in (x, x + 1))
+        # The last floats below 180 degrees round into the first column.
+        if x == 0 and any(east >= 180.0 - _ROUNDING_DEG for _, east in self.longitude_spans):
+            return True
         return any(
             west <= east_deg + _ROUNDING_DEG and east >= west_deg - _ROUNDING_DEG for west, east in self.longitude_spans
         )

@@ -93,6 +93,7 @@ def is_healthy(service: dict[str, Any], address: str) -> bool:
     return subprocess.run([sys.executable, *arguments], capture_output=True, timeout=20).returncode == 0
 
 
+@pytest.mark.soak
 def test_the_composed_services_work_together(services: dict[str, Any], database: URL) -> None:
     kind, program, *arguments = services["database"]["healthcheck"]["test"]
     where = {"PGHOST": str(database.query["host"])}

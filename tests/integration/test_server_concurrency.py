@@ -97,6 +97,7 @@ def _at_level(postgres: KillablePostgres, level: str) -> str:
     return url
 
 
+@pytest.mark.soak
 def test_two_servers_at_serializable_create_an_obstacle_at_a_tile_corner_once(own_postgres: KillablePostgres) -> None:
     _converges(_at_level(own_postgres, "serializable"), servers=2, vehicles=8, each=5, writers=12)
 

@@ -90,6 +90,7 @@ async def _crowded(server: ServerProcess, readers: int, silent: int, rounds: int
         return server.resident_bytes - before_bytes
 
 
+@pytest.mark.soak
 def test_vehicles_that_never_read_delay_nobody(tmp_path: Path) -> None:
     with serving_processes(f"sqlite+aiosqlite:///{tmp_path}/headsup.sqlite3") as (server,):
         asyncio.run(_crowded(server, readers=5, silent=5, rounds=30))

@@ -12,6 +12,7 @@ from server.errors import UnavailableError
 from tests.integration.processes import killable_postgres
 
 
+@pytest.mark.soak
 async def test_a_kept_connection_is_replaced_after_whatever_the_database_went_through() -> None:
     with killable_postgres() as postgres:
         engine = create_async_engine(postgres.fresh_url())

@@ -91,6 +91,7 @@ async def _drip(port: int, seconds: float) -> None:
         writer.close()
 
 
+@pytest.mark.soak
 def test_bodies_that_drip_hold_up_nobody_and_cost_little(tmp_path: Path) -> None:
     async def attacked(server: ServerProcess) -> list[float]:
         drips = [asyncio.create_task(_drip(server.port, 3.0)) for _ in range(50)]

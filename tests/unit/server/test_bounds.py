@@ -5,7 +5,7 @@ from __future__ import annotations
 from itertools import pairwise
 
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from contract.geometry import LatLon
@@ -35,6 +35,7 @@ def holds(bounds: Bounds, latitude_deg: float, longitude_deg: float) -> bool:
 
 
 @given(boxes(), st.floats(0, 1), st.floats(0, 1))
+@example(Bounds(179.99999999999997, 0.0, 179.99999999999997, 0.0), 0.0, 0.0)
 def test_every_place_in_a_box_lies_in_its_cover(bounds: Bounds, across: float, up: float) -> None:
     width_deg = (bounds.east_deg - bounds.west_deg) % 360
     longitude_deg = bounds.west_deg + across * width_deg
