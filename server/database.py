@@ -24,7 +24,7 @@ _BUSY_TIMEOUT_MS = 2_000
 _READ_DEADLINE_S = 10.0
 # PostgreSQL: serialization failure, deadlock, unique violation, too many connections; shut down, crashed, starting.
 _STATES_WORTH_A_RETRY = frozenset({"40001", "40P01", "23505", "53300", "57P01", "57P02", "57P03"})
-_SQLITE_WORTH_A_RETRY = ("database is locked", "UNIQUE constraint failed")
+_SQLITE_WORTH_A_RETRY = ("database is locked", "UNIQUE constraint failed", "database or disk is full")
 # While it starts, asyncpg's own errors come through SQLAlchemy as they are.
 _NOT_CONNECTED = (OSError, DBAPIError, PoolTimeoutError, asyncpg.PostgresError, asyncpg.InterfaceError)
 _WRITES = "headsup_writes"

@@ -30,6 +30,8 @@ def place_of(report: ObservationReport, observed_at: datetime) -> LastPlace:
 def is_too_fast(before: LastPlace, now: LastPlace, limits: Plausibility) -> bool:
     """Whether no vehicle can have been at both places, at either order of their times."""
     seconds = abs((now.observed_at - before.observed_at).total_seconds())
+    if seconds > limits.speed_window_s:
+        return False
     errors_m = 3 * math.hypot(before.sd_m, now.sd_m) + limits.speed_slack_m
     return distance_m(before.position, now.position) - errors_m > limits.greatest_speed_mps * seconds
 

@@ -44,6 +44,8 @@ class Plausibility:
     """Wider than a lane: not a measurement of one obstacle."""
     greatest_speed_mps: float = 100.0
     """360 km/h: no car on a road."""
+    speed_window_s: float = 600.0
+    """Only so long is a place held against a vehicle: one bad first fix must not silence it for a day."""
     speed_slack_m: float = 50.0
     """Clocks tick in seconds, and an origin lies anywhere within a pass."""
     greatest_latitude_deg: float = 85.0

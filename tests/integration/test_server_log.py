@@ -229,6 +229,7 @@ async def test_nobody_is_at_two_places_at_once(database_url: str) -> None:
     at = START + timedelta(seconds=60)
     await _taken(database, message(detection(), at=START), START)
     jumped = await _taken(database, message(detection(), at=at, position=far, number=1), at)
+    # Ten minutes later the place is not held against it any more.
     drove = await _taken(database, message(detection(), at=START + HOUR, position=far, number=2), START + HOUR)
     assert [(o.result.status.value, o.result.reason) for o in (jumped, drove)] == [
         ("rejected", "impossible-speed"),
