@@ -19,8 +19,8 @@ from detector.verification import Candidates, candidates_of, likely
 # Deeper than manhole covers sink (2 cm), and the same the other way.
 MIN_RELIEF_M = 0.025
 FLAG_SD = 3.0
-# Gutters are paved 3 cm deep, and last as holes do; what is shallower has to be seen by a single sweep. From farther
-# away rays end on a hole's far slope, and its depth is not known yet.
+# What look like gutters on a recorded drive is 3 to 3.6 cm deep, and lasts as holes do; what is shallower has to be
+# seen by a single sweep. From farther away rays end on a hole's far slope, and its depth is not known yet.
 MIN_HOLE_RELIEF_M, DEPTH_KNOWN_M = 0.0375, 9.0
 # What lies behind the rear axle was judged while it lay ahead.
 LEAST_ALONG_M = -2.0
