@@ -13,6 +13,8 @@ from fastapi import FastAPI, Request, Response
 from fastapi.exceptions import RequestValidationError
 from starlette.exceptions import HTTPException
 
+from server.security_headers import DATA
+
 PROBLEM_JSON = "application/problem+json"
 
 
@@ -122,6 +124,14 @@ def problem(
     # ASCII, since a hostile body may have put lone surrogates into a name that the detail repeats.
     text = json.dumps(body | more, ensure_ascii=True)
     return Response(text, status.value, dict(headers or {}), PROBLEM_JSON)
+
+
+def raw_problem(status: int, type_: str, detail: str) -> bytes:
+    """A problem as bytes of HTTP/1.1, for who is refused before there is a request; the connection ends with it."""
+    answer = problem(type_, HTTPStatus(status), detail, {"Connection": "close"})
+    head = [f"HTTP/1.1 {status} {HTTPStatus(status).phrase}".encode()]
+    head += [name + b": " + value for name, value in (*answer.raw_headers, *DATA)]
+    return b"\r\n".join([*head, b"", bytes(answer.body)])
 
 
 def problem_of(error: ServiceError) -> Response:

@@ -12,9 +12,11 @@ from collections.abc import Callable
 from types import FrameType
 
 import uvicorn
+from fastapi import FastAPI
 
 from server import logs
 from server.app import create_app
+from server.http_protocol import BoundedHttp, QuietWebSocket
 from server.policy_file import policy_of
 from server.settings import Settings
 from server.startup import preflight
@@ -32,10 +34,19 @@ def run(settings: Settings) -> int:
     policy_of(settings)
     asyncio.run(preflight(settings))
     app = create_app(settings)
-    config = uvicorn.Config(
+    server = _Server(listening(app, settings), settings.drain_s, app.state.readiness.end)
+    server.run()
+    return 0 if server.started else 1
+
+
+def listening(app: FastAPI, settings: Settings) -> uvicorn.Config:
+    """How the application listens."""
+    return uvicorn.Config(
         app,
         host=settings.host,
         port=settings.port,
+        http=BoundedHttp,
+        ws=QuietWebSocket,
         log_config=None,
         # `server.edge` writes a better one: these lines have the query, and so positions.
         access_log=False,
@@ -47,9 +58,6 @@ def run(settings: Settings) -> int:
         ws_per_message_deflate=False,
         timeout_graceful_shutdown=math.ceil(settings.write_deadline_s) + _AFTER_WRITES_S,
     )
-    server = _Server(config, settings.drain_s, app.state.readiness.end)
-    server.run()
-    return 0 if server.started else 1
 
 
 class _Server(uvicorn.Server):
