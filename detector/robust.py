@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from numba import njit
 
 from detector.types import FloatArray
 
@@ -37,20 +38,48 @@ def fit_tukey(
 
     `cutoff_sd` is Tukey's constant in standard deviations of the residual, which is not taken below `floor_sd`.
     """
-    coefficients = _solve(terms, values, weight)
+    coefficients = _solve(terms, values, _rows_times(terms, weight))
     for _ in range(START_ITERATIONS):
-        residual = np.abs(values - terms @ coefficients)
-        coefficients = _solve(terms, values, weight / np.maximum(residual, floor_sd))
+        weighted = _weighted_by_deviation(terms, values, terms @ coefficients, weight, floor_sd)
+        coefficients = _solve(terms, values, weighted)
     for _ in range(TUKEY_ITERATIONS):
-        residual = values - terms @ coefficients
-        sd = max(MAD_TO_SD * float(np.median(np.abs(residual))), floor_sd)
-        coefficients = _solve(terms, values, weight * tukey_weight(residual, cutoff_sd * sd))
+        weighted = _weighted_by_tukey(terms, values, terms @ coefficients, weight, cutoff_sd, floor_sd)
+        coefficients = _solve(terms, values, weighted)
     return coefficients
 
 
-def _solve(terms: FloatArray, values: FloatArray, weight: FloatArray) -> FloatArray:
-    weighted = terms * weight[:, None]
+def _solve(terms: FloatArray, values: FloatArray, weighted: FloatArray) -> FloatArray:
+    """Coefficients (T,) of the least squares whose rows (N, T) are `weighted`."""
     normal = weighted.T @ terms
     # A trace of ridge keeps degenerate layouts (one scan line) solvable.
-    normal[np.diag_indices_from(normal)] += 1e-9 * max(float(np.trace(normal)), 1e-12)
+    normal.flat[:: len(normal) + 1] += 1e-9 * max(float(np.trace(normal)), 1e-12)
     return np.asarray(np.linalg.solve(normal, weighted.T @ values), dtype=np.float64)
+
+
+@njit(cache=True, nogil=True)
+def _weighted_by_deviation(
+    terms: FloatArray, values: FloatArray, fitted: FloatArray, weight: FloatArray, floor_sd: float
+) -> FloatArray:
+    """Terms (N, T) with the weights of least absolute deviations."""
+    deviation = np.abs(values - fitted)
+    return _rows_times(terms, weight / np.maximum(deviation, floor_sd))
+
+
+@njit(cache=True, nogil=True)
+def _weighted_by_tukey(
+    terms: FloatArray, values: FloatArray, fitted: FloatArray, weight: FloatArray, cutoff_sd: float, floor_sd: float
+) -> FloatArray:
+    """Terms (N, T) with Tukey's weights."""
+    residual = values - fitted
+    cutoff = cutoff_sd * max(MAD_TO_SD * np.median(np.abs(residual)), floor_sd)
+    share = np.maximum(1.0 - np.square(residual / cutoff), 0.0)
+    return _rows_times(terms, weight * (share * share))
+
+
+@njit(cache=True, nogil=True)
+def _rows_times(terms: FloatArray, weight: FloatArray) -> FloatArray:
+    weighted = np.empty_like(terms)
+    for i in range(len(terms)):
+        for k in range(terms.shape[1]):
+            weighted[i, k] = terms[i, k] * weight[i]
+    return weighted

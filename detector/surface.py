@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from functools import cache
 
 import numpy as np
 from numba import njit
 
 from detector.corridor import AHEAD_M, BEHIND_M, Corridor
 from detector.ground import CROSS_BAND_M
-from detector.robust import MAD_TO_SD, fit_tukey, quadratic_terms
+from detector.robust import fit_tukey, quadratic_terms
+from detector.surface_noise import MAX_NOISE_HITS, ZONE_M, measured_noise, noise_at, noise_bin, noise_places, zone
 from detector.types import FloatArray, IntArray
 
 CELL_M = 0.25
@@ -38,19 +40,6 @@ RISE_SHARE = 0.5
 OBSTACLE_SD = 2.5
 OBSTACLE_MIN_M = 0.015
 SOUND_ROUNDS = 2
-# Enough to know a median absolute deviation in every range and strip.
-MAX_NOISE_HITS = 12_000
-# Noise is measured by range and by strips of this width across: beside the lane lie gutters, verges and setts.
-ZONE_M = 2.0
-NOISE_RANGE_EDGES_M = np.array([0.0, 5.0, 8.0, 12.0, 18.0, 25.0, 35.0, 65.0])
-# Residuals above this are obstacles, not noise.
-NOISE_BAND_M = 0.1
-# LiDAR range resolution; the noise of simulated clouds can be zero.
-NOISE_FLOOR_M = 0.002
-# Asphalt under real LiDARs spreads by 1.0 to 1.3 cm; more is a place that the surface does not fit, as before a car.
-NOISE_CEILING_M = 0.018
-MIN_NOISE_HITS = 30
-NOISE_BINS = 200
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,7 +58,7 @@ class RoadSurface:
 
     def noise_at(self, range_m: FloatArray, across_m: FloatArray) -> FloatArray:
         """Standard deviation (N,) of hits about the road at ranges and offsets across the path (N,)."""
-        return np.asarray(_noise_at(self.noise_m, self.across_start_m, range_m, across_m))
+        return np.asarray(noise_at(self.noise_m, self.across_start_m, range_m, across_m))
 
 
 def first_surface(
@@ -97,17 +86,40 @@ def sound_surface(first: RoadSurface, along_m: FloatArray, across_m: FloatArray,
     count, mean = _cell_means(along_m, across_m, height_m, start, first.correction_m.shape[1])
     residual = mean - _plane(first.coefficients, *count.shape, start)
     certainty = np.minimum(count, MAX_CELL_WEIGHT)
+    sample = _noise_sample(first, along_m, across_m, height_m)
     surface = first
     for _ in range(SOUND_ROUNDS):
-        noise = _noise(surface, along_m, across_m, height_m)
+        noise = sample.noise_about(surface)
         sound = _sound_weights(certainty, residual - surface.correction_m, noise, start)
         surface = RoadSurface(first.coefficients, _corrected(surface.correction_m, sound, residual), start, noise)
-    return replace(surface, noise_m=_noise(surface, along_m, across_m, height_m))
+    return replace(surface, noise_m=sample.noise_about(surface))
 
 
-def _corrected(correction: FloatArray, weights: FloatArray, residual: FloatArray) -> FloatArray:
-    """The correction plus that of what it leaves (Tukey's twicing): alone it cuts off crests and fills troughs."""
-    return correction + _correction(weights, residual - correction)
+@dataclass(frozen=True, slots=True)
+class _NoiseSample:
+    """Hits (N,) that the noise is measured by, and the place of each (N,) in it."""
+
+    along_m: FloatArray
+    across_m: FloatArray
+    height_m: FloatArray
+    place: IntArray
+    zones: int
+
+    def noise_about(self, surface: RoadSurface) -> FloatArray:
+        """Noise (ranges, zones) of the hits about a surface."""
+        deviation = np.abs(self.height_m - surface.height_m(self.along_m, self.across_m))
+        return np.asarray(measured_noise(deviation, self.place, self.zones))
+
+
+def _noise_sample(
+    surface: RoadSurface, along_m: FloatArray, across_m: FloatArray, height_m: FloatArray
+) -> _NoiseSample:
+    chosen = slice(None, None, max(len(along_m) // MAX_NOISE_HITS, 1))
+    along, across, height = (np.ascontiguousarray(values[chosen]) for values in (along_m, across_m, height_m))
+    zones = max(math.ceil(surface.correction_m.shape[1] * CELL_M / ZONE_M), 1)
+    return _NoiseSample(
+        along, across, height, noise_places(np.hypot(along, across), across, surface.across_start_m, zones), zones
+    )
 
 
 @njit(cache=True, nogil=True)
@@ -186,7 +198,7 @@ def _sound_weights(certainty: FloatArray, residual: FloatArray, noise: FloatArra
             if certainty[row, column] == 0.0:
                 continue
             across = (column + 0.5) * CELL_M + start
-            sd = noise[_noise_bin(math.hypot(along, across)), _zone(across, start, noise.shape[1])]
+            sd = noise[noise_bin(math.hypot(along, across)), zone(across, start, noise.shape[1])]
             if abs(residual[row, column]) > max(OBSTACLE_SD * sd, OBSTACLE_MIN_M):
                 for i in range(max(row - 1, 0), min(row + 2, rows)):
                     for j in range(max(column - 1, 0), min(column + 2, columns)):
@@ -194,12 +206,12 @@ def _sound_weights(certainty: FloatArray, residual: FloatArray, noise: FloatArra
     return weights
 
 
-def _correction(weights: FloatArray, residual: FloatArray) -> FloatArray:
-    """Normalised convolution (Knutsson and Westin, 1993) of the cells' residuals; none far from any of them."""
-    along, across = _kernel(KERNEL_ALONG_M), _kernel(KERNEL_ACROSS_M)
-    return np.asarray(_blur_both(weights, weights * residual, along, across))
+def _corrected(correction: FloatArray, weights: FloatArray, residual: FloatArray) -> FloatArray:
+    """The correction plus that of what it leaves (Tukey's twicing): alone it cuts off crests and fills troughs."""
+    return np.asarray(_smoothed(correction, weights, residual, _kernel(KERNEL_ALONG_M), _kernel(KERNEL_ACROSS_M)))
 
 
+@cache
 def _kernel(sigma_m: float) -> FloatArray:
     reach = math.ceil(KERNEL_REACH * sigma_m / CELL_M)
     steps = np.arange(-reach, reach + 1) * CELL_M
@@ -207,28 +219,41 @@ def _kernel(sigma_m: float) -> FloatArray:
 
 
 @njit(cache=True, nogil=True)
-def _blur_both(weight: FloatArray, weighted: FloatArray, along: FloatArray, across: FloatArray) -> FloatArray:
+def _smoothed(
+    correction: FloatArray, weight: FloatArray, residual: FloatArray, along: FloatArray, across: FloatArray
+) -> FloatArray:
+    """The correction plus the normalised convolution (Knutsson and Westin, 1993) of what it leaves of the cells'
+    residuals; nothing is added far from any of them."""
     rows, columns = weight.shape
     reach_along, reach_across = len(along) // 2, len(across) // 2
     w, v = np.zeros((rows, columns)), np.zeros((rows, columns))
+    is_seen = np.zeros(rows, dtype=np.bool_)
     for row in range(rows):
-        for column in range(columns):
-            if weight[row, column] == 0.0:
-                continue
-            for j in range(max(-reach_across, -column), min(reach_across + 1, columns - column)):
-                w[row, column + j] += across[j + reach_across] * weight[row, column]
-                v[row, column + j] += across[j + reach_across] * weighted[row, column]
-    smooth_w, smooth_v = np.zeros((rows, columns)), np.zeros((rows, columns))
+        is_seen[row] = weight[row].any()
+        if is_seen[row]:
+            weighted = weight[row] * (residual[row] - correction[row])
+            for j in range(reach_across, -reach_across - 1, -1):
+                _add_shifted(w[row], across[j + reach_across], weight[row], j)
+                _add_shifted(v[row], across[j + reach_across], weighted, j)
+    smoothed, total, certainty = np.empty((rows, columns)), np.empty(columns), np.empty(columns)
     for row in range(rows):
+        total[:], certainty[:] = 0.0, 0.0
         for i in range(max(-reach_along, -row), min(reach_along + 1, rows - row)):
-            k = along[i + reach_along]
-            for column in range(columns):
-                smooth_w[row, column] += k * w[row + i, column]
-                smooth_v[row, column] += k * v[row + i, column]
-    for row in range(rows):
+            if is_seen[row + i]:
+                _add_shifted(certainty, along[i + reach_along], w[row + i], 0)
+                _add_shifted(total, along[i + reach_along], v[row + i], 0)
         for column in range(columns):
-            smooth_v[row, column] /= smooth_w[row, column] + 1e-3
-    return smooth_v
+            smoothed[row, column] = correction[row, column] + total[column] / (certainty[column] + 1e-3)
+    return smoothed
+
+
+@njit(cache=True, nogil=True)
+def _add_shifted(total: FloatArray, factor: float, values: FloatArray, shift: int) -> None:
+    """Adds `factor` times the values (N,), moved by `shift` places, to the total (N,)."""
+    first, last = max(shift, 0), len(total) + min(shift, 0)
+    target, source = total[first:last], values[first - shift : last - shift]
+    for k in range(len(target)):
+        target[k] += factor * source[k]
 
 
 @njit(cache=True, nogil=True)
@@ -247,75 +272,3 @@ def _height(
         lower = correction[i + 1, j] * (1.0 - v) + correction[i + 1, j + 1] * v
         height[n] = _quadratic(coefficients, along[n], across[n]) + upper * (1.0 - u) + lower * u
     return height
-
-
-@njit(cache=True, nogil=True)
-def _noise_bin(range_m: float) -> int:
-    last = len(NOISE_RANGE_EDGES_M) - 2
-    for k in range(last, 0, -1):
-        if range_m >= NOISE_RANGE_EDGES_M[k]:
-            return k
-    return 0
-
-
-@njit(cache=True, nogil=True)
-def _zone(across: float, start: float, zones: int) -> int:
-    return min(max(int((across - start) / ZONE_M), 0), zones - 1)
-
-
-@njit(cache=True, nogil=True)
-def _noise_at(noise: FloatArray, start: float, range_m: FloatArray, across: FloatArray) -> FloatArray:
-    found = np.empty(len(range_m))
-    for i in range(len(range_m)):
-        found[i] = noise[_noise_bin(range_m[i]), _zone(across[i], start, noise.shape[1])]
-    return found
-
-
-def _noise(surface: RoadSurface, along_m: FloatArray, across_m: FloatArray, height_m: FloatArray) -> FloatArray:
-    """Noise by range and strip by the median absolute deviation; where few are hit, that of the whole range, and of the
-    range before it."""
-    chosen = slice(None, None, max(len(along_m) // MAX_NOISE_HITS, 1))
-    along, across = along_m[chosen], across_m[chosen]
-    deviation = np.abs(height_m[chosen] - surface.height_m(along, across))
-    zones = max(math.ceil(surface.correction_m.shape[1] * CELL_M / ZONE_M), 1)
-    return np.asarray(_noise_of(deviation, np.hypot(along, across), across, surface.across_start_m, zones))
-
-
-@njit(cache=True, nogil=True)
-def _noise_of(deviation: FloatArray, range_m: FloatArray, across: FloatArray, start: float, zones: int) -> FloatArray:
-    bins = len(NOISE_RANGE_EDGES_M) - 1
-    counts = np.zeros((bins, zones, NOISE_BINS), dtype=np.int64)
-    for i in range(len(deviation)):
-        if deviation[i] < NOISE_BAND_M:
-            k = min(int(deviation[i] / NOISE_BAND_M * NOISE_BINS), NOISE_BINS - 1)
-            counts[_noise_bin(range_m[i]), _zone(across[i], start, zones), k] += 1
-    of_range = np.full(bins, NOISE_CEILING_M)
-    first, known = True, NOISE_CEILING_M
-    for b in range(bins):
-        noise = _median_deviation(counts[b].sum(axis=0))
-        if not math.isnan(noise):
-            if first:
-                of_range[:b] = noise
-            first, known = False, noise
-        of_range[b] = known
-    found = np.empty((bins, zones))
-    for b in range(bins):
-        for zone in range(zones):
-            noise = _median_deviation(counts[b, zone])
-            found[b, zone] = of_range[b] if math.isnan(noise) else noise
-    return found
-
-
-@njit(cache=True, nogil=True)
-def _median_deviation(counts: IntArray) -> float:
-    """Standard deviation from a histogram of absolute deviations, NaN of too few."""
-    total = counts.sum()
-    if total < MIN_NOISE_HITS:
-        return math.nan
-    reached, k = 0, 0
-    while reached + counts[k] < 0.5 * total:
-        reached += counts[k]
-        k += 1
-    within = (0.5 * total - reached) / counts[k]
-    noise = MAD_TO_SD * (k + within) * NOISE_BAND_M / NOISE_BINS
-    return float(min(max(noise, NOISE_FLOOR_M), NOISE_CEILING_M))
