@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import asyncio
 import ipaddress
 import time
 from collections import Counter
@@ -24,8 +23,6 @@ _IPV6_PREFIX = 64
 _SOCKET_WAIT_S = 10.0
 # Where a request keeps it, since one may go through two routes.
 _CALLER = "headsup.caller"
-# Meanwhile it is not noticed that the vehicle has gone, or that the server is to end.
-_LONGEST_PAUSE_S = 2.0
 
 
 class Admission:
@@ -77,17 +74,11 @@ class Admission:
         if wait_s := self._reports.take(caller.key_id, time.monotonic(), number):
             raise self._refusal("reports", wait_s)
 
-    async def pace(self, caller: Caller) -> None:
-        """Wait until a message on a socket is due, which counts like a request; not for long, since nobody reads."""
+    def position_wait_s(self, caller: Caller) -> float:
+        """Take a message on a socket, which counts like a request; the seconds to wait when it is not due, else 0."""
         if caller.is_anonymous:
-            return
-        due_s = time.monotonic() + _LONGEST_PAUSE_S
-        while wait_s := self._requests[caller.role].take(caller.key_id, time.monotonic()):
-            if time.monotonic() + wait_s > due_s:
-                await asyncio.sleep(_LONGEST_PAUSE_S)
-                return
-            # Others of the same key may be quicker after it.
-            await asyncio.sleep(wait_s)
+            return 0.0
+        return self._requests[caller.role].take(caller.key_id, time.monotonic())
 
     @contextmanager
     def socket(self, caller: Caller) -> Iterator[None]:

@@ -70,10 +70,19 @@ class Edge:
             CURRENT.reset(before)
 
     async def _connect(self, scope: Scope, receive: Receive, send: Send) -> None:
+        begun_s = time.perf_counter()
         context = self._names.context(scope["headers"])
+
+        def named(message: Message) -> Awaitable[None]:
+            # A refusal before the socket is accepted is an ordinary answer.
+            if message["type"] == "websocket.http.response.start":
+                message["headers"] = [*message["headers"], *_headers(context, "")]
+                self._done(scope, message["status"], time.perf_counter() - begun_s)
+            return send(message)
+
         before = CURRENT.set(context)
         try:
-            await self._app(scope, receive, _denials_named(context, send))
+            await self._app(scope, receive, named)
         finally:
             CURRENT.reset(before)
 
@@ -98,17 +107,6 @@ def _headers(context: RequestContext, path: str) -> RawHeaders:
     return (*named, (b"traceparent", context.traceparent.encode()))
 
 
-def _denials_named(context: RequestContext, send: Send) -> Send:
-    """`send` for a socket: a refusal before it is accepted is an ordinary answer."""
-
-    def named(message: Message) -> Awaitable[None]:
-        if message["type"] == "websocket.http.response.start":
-            message["headers"] = [*message["headers"], *_headers(context, "")]
-        return send(message)
-
-    return named
-
-
 def _asked(scope: Scope) -> dict[str, str]:
     """What was asked for, without what the caller wrote into it."""
     return {"method": _method(scope), "route": _route(scope)}
@@ -120,4 +118,6 @@ def _route(scope: Scope) -> str:
 
 
 def _method(scope: Scope) -> str:
-    return scope["method"] if scope["method"] in _METHODS else "other"
+    # A handshake has none of its own; it is a GET (RFC 6455, 4.1).
+    method: str = scope.get("method", "GET")
+    return method if method in _METHODS else "other"

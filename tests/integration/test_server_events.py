@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import asyncio
+import json
+import logging
 from collections.abc import AsyncIterator
 from dataclasses import dataclass
 from datetime import UTC, datetime
 
 import httpx
 import pytest
-import uvicorn
 from websockets.asyncio.client import ClientConnection, connect
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 
@@ -27,11 +28,12 @@ from contract.events import (
 )
 from contract.geometry import LatLon
 from contract.observation import ObservationBatch, ObservationReport
-from server.app import create_app
 from server.geodesy import offset_from
 from server.keys import Keys, Role
+from server.logs import FIELDS
 from server.settings import Settings
 from tests.integration.conftest import OPERATOR_KEY
+from tests.integration.raw import served_here
 from tests.unit.server.making import HOUR, PATRAS, absent, detection, message
 
 
@@ -62,14 +64,8 @@ HEADERS = {"Content-Type": "application/json", "Authorization": f"Bearer {OPERAT
 
 @pytest.fixture
 async def running(guarded: Settings) -> AsyncIterator[Running]:
-    app = create_app(guarded)
-    server = uvicorn.Server(uvicorn.Config(app, port=0, log_level="warning", ws_per_message_deflate=False))
-    task = asyncio.create_task(server.serve())
-    while not server.started:  # noqa: ASYNC110  # uvicorn offers no event
-        await asyncio.sleep(0.01)
-    yield Running(server.servers[0].sockets[0].getsockname()[1], app.state.parts.keys)
-    server.should_exit = True
-    await task
+    async with served_here(guarded) as (app, port):
+        yield Running(port, app.state.parts.keys)
 
 
 async def received(socket: ClientConnection) -> ServerMessage:
@@ -151,12 +147,41 @@ async def test_a_bad_message_closes_with_4400(running: Running, frame: str | byt
     assert closed.value.rcvd.code == 4400
 
 
-async def test_without_a_key_the_connection_is_refused_before_it_is_accepted(running: Running) -> None:
+async def test_without_a_key_the_connection_is_refused_before_it_is_accepted(
+    running: Running, caplog: pytest.LogCaptureFixture
+) -> None:
+    caplog.set_level(logging.INFO)
     for key in (None, "wrong"):
         with pytest.raises(InvalidStatus) as refused:
             async with running.connect(key):
                 pass
         assert refused.value.response.status_code == 401
+        assert json.loads(refused.value.response.body)["type"] == "urn:headsup:problem:unauthenticated"
+    told = [getattr(record, FIELDS) for record in caplog.records if record.name == "server.edge"]
+    assert [(item["method"], item["route"], item["status"]) for item in told] == [("GET", "/v1/events", 401)] * 2
+    # What is somebody else's mistake is no error of ours.
+    assert max(record.levelno for record in caplog.records) <= logging.INFO
+
+
+@pytest.fixture
+def slow(guarded: Settings) -> Settings:
+    """Two requests a second, and two at once: the opening of a socket, and its first position."""
+    return guarded.model_copy(update={"operator_rate_hz": 2.0, "rate_burst_s": 1.0})
+
+
+async def test_beyond_the_rate_the_newest_position_overtakes_those_that_wait(slow: Settings) -> None:
+    async with served_here(slow) as (app, port), Running(port, app.state.parts.keys).connect(OPERATOR_KEY) as socket:
+        await socket.send(at(1))
+        assert isinstance(await received(socket), Snapshot)
+        # More than are read while one waits: the connection stands still, and goes on where it stood.
+        for seq in range(2, 500):
+            await socket.send(at(seq))
+        acknowledged = 0
+        while acknowledged < 499:
+            moved = await received(socket)
+            assert isinstance(moved, Moved)
+            assert moved.position_seq == 499 or moved.position_seq >= acknowledged + 200
+            acknowledged = moved.position_seq
 
 
 async def test_another_subprotocol_closes_with_4426(running: Running) -> None:
