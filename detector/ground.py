@@ -51,18 +51,37 @@ def near_ground(points_m: FloatArray, sensor_height_m: float, curvature_per_m: f
     """Points (N, 3) of the frame `sensor` near the ground, by a profile followed outwards from below the car."""
     index, along, across, height = _candidates(points_m, sensor_height_m, curvature_per_m)
     profile = _profile(along, across, height)
-    kept = _flatten(profile, along, height)
-    return GroundPoints(index[kept], along[kept], across[kept], height[kept], profile)
+    kept = _flatten(profile, index, along, across, height)
+    return GroundPoints(index[:kept], along[:kept], across[:kept], height[:kept], profile)
 
 
 @njit(cache=True, nogil=True)
-def _flatten(profile: FloatArray, along: FloatArray, height: FloatArray) -> np.ndarray:
-    """Take the profile out of the heights; a mask of those that are not below any road."""
-    kept = np.empty(len(height), dtype=np.bool_)
+def _flatten(profile: FloatArray, index: IntArray, along: FloatArray, across: FloatArray, height: FloatArray) -> int:
+    """Takes the profile out of the heights and moves what is not below any road to the front: how many those are."""
+    kept = 0
     for i in range(len(height)):
-        height[i] -= profile[0] + along[i] * (profile[1] + along[i] * profile[2])
-        kept[i] = -CROSS_BAND_M < height[i] < STANDING_M
+        over = height[i] - (profile[0] + along[i] * (profile[1] + along[i] * profile[2]))
+        if -CROSS_BAND_M < over < STANDING_M:
+            index[kept], along[kept], across[kept], height[kept] = index[i], along[i], across[i], over
+            kept += 1
     return kept
+
+
+def height_over_profile(
+    points_m: FloatArray, sensor_height_m: float, curvature_per_m: float, profile: FloatArray
+) -> FloatArray:
+    """Height (N,) of points (N, 3) of the frame `sensor` over a profile (3,), level beyond where it was followed."""
+    return np.asarray(_height_over_profile(points_m, sensor_height_m, curvature_per_m, profile))
+
+
+@njit(cache=True, nogil=True)
+def _height_over_profile(points: FloatArray, sensor_height: float, curvature: float, profile: FloatArray) -> FloatArray:
+    height = np.empty(len(points))
+    for i in range(len(points)):
+        s, _ = _road_coordinate(points[i, 0], points[i, 1], curvature)
+        s = min(max(s, -BEHIND_M), AHEAD_M)
+        height[i] = points[i, 2] + sensor_height - (profile[0] + s * (profile[1] + s * profile[2]))
+    return height
 
 
 def from_road_coordinates(along_m: FloatArray, across_m: FloatArray, curvature_per_m: float) -> FloatArray:
@@ -116,16 +135,12 @@ def _candidates(
         if -BEHIND_M < s < AHEAD_M and abs(t) < REACH_M:
             index[kept], along[kept], across[kept], height[kept] = i, s, t, z
             kept += 1
-    return index[:kept].copy(), along[:kept].copy(), across[:kept].copy(), height[:kept].copy()
+    return index[:kept], along[:kept], across[:kept], height[:kept]
 
 
 def _profile(along_m: FloatArray, across_m: FloatArray, height_m: FloatArray) -> FloatArray:
     """Coefficients (3,) of 1, s, s^2 of the road's height along its middle; level where too little of it is seen."""
-    middle = np.abs(across_m) < MIDDLE_M
-    bins = np.floor((along_m[middle] + BEHIND_M) / BIN_M).astype(np.int64)
-    order = np.argsort(bins, kind="stable")
-    start = np.searchsorted(bins[order], np.arange(int((BEHIND_M + AHEAD_M) / BIN_M) + 1))
-    followed = _follow(height_m[middle][order], start)
+    followed = _follow(*_by_bin(along_m, across_m, height_m))
     known = np.flatnonzero(np.isfinite(followed))
     if known.size < MIN_BINS:
         return np.zeros(3)
@@ -133,6 +148,25 @@ def _profile(along_m: FloatArray, across_m: FloatArray, height_m: FloatArray) ->
     terms = np.stack([np.ones_like(s), s / AHEAD_M, np.square(s / AHEAD_M)], axis=1)
     coefficients = fit_tukey(terms, followed[known], np.ones(known.size), cutoff_sd=4.685, floor_sd=BIN_SD_M)
     return np.asarray(coefficients / np.array([1.0, AHEAD_M, AHEAD_M**2]))
+
+
+@njit(cache=True, nogil=True)
+def _by_bin(along: FloatArray, across: FloatArray, height: FloatArray) -> tuple[FloatArray, IntArray]:
+    """Heights of the road's middle bin by bin, and where each bin begins in them, with the end of the last."""
+    bins = int((BEHIND_M + AHEAD_M) / BIN_M)
+    start = np.zeros(bins + 1, dtype=np.int64)
+    for i in range(len(along)):
+        b = int((along[i] + BEHIND_M) / BIN_M)
+        if abs(across[i]) < MIDDLE_M and b < bins:
+            start[b + 1] += 1
+    start = np.cumsum(start)
+    filled, heights = start.copy(), np.empty(start[bins])
+    for i in range(len(along)):
+        b = int((along[i] + BEHIND_M) / BIN_M)
+        if abs(across[i]) < MIDDLE_M and b < bins:
+            heights[filled[b]] = height[i]
+            filled[b] += 1
+    return heights, start
 
 
 @njit(cache=True, nogil=True)

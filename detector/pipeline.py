@@ -7,7 +7,7 @@ from typing import Literal
 import numpy as np
 
 from detector.clusters import MAX_POINT_SD
-from detector.ground import road_coordinates
+from detector.ground import height_over_profile
 from detector.recognition import recognise
 from detector.saliency import SALIENT, saliency_map
 from detector.segmentation import STANDING_M, segment
@@ -58,8 +58,7 @@ def _on_road(points: FloatArray, sweep: DetectorInput, sensor_height_m: float, m
     saliency = saliency_map(points) if method == "saliency" else _deviation_saliency(strip, len(points))
     candidates = strip.in_corridor & (saliency[strip.indices] > (SALIENT if method == "saliency" else 0.0))
     found = find_clusters(strip.deviations, candidates, strip.corridor)
-    along, _ = road_coordinates(points, sweep.curvature_per_m)
-    height = points[:, 2] + sensor_height_m - strip.corridor.height_m(along)
+    height = height_over_profile(points, sensor_height_m, sweep.curvature_per_m, np.array(strip.corridor.profile))
     obstacles = tuple(
         recognise(points[strip.indices], strip.deviations.residual_m, strip.deviations.noise_m, c)
         for c in found.clusters
@@ -84,15 +83,17 @@ def _sees_road(strip: Strip) -> bool:
 
 
 def _labels(points: FloatArray, height_m: FloatArray, strip: Strip, found: Found) -> LabelArray:
-    standing = strip.deviations.residual_m > STANDING_M
+    standing = (strip.deviations.residual_m > STANDING_M) & strip.in_corridor
     obstacles = [cluster.indices for cluster in found.clusters]
     return segment(
         points,
         height_m,
-        safe=strip.indices[strip.in_corridor & ~standing],
-        below=strip.indices[found.low],
-        above=strip.indices[np.union1d(found.high, np.flatnonzero(standing & strip.in_corridor))],
-        on_obstacle=strip.indices[np.concatenate(obstacles)] if obstacles else strip.indices[:0],
+        strip.indices,
+        safe=strip.in_corridor,
+        below=found.low,
+        above=found.high,
+        standing=standing,
+        on_obstacle=np.concatenate(obstacles) if obstacles else np.empty(0, dtype=np.int64),
     )
 
 

@@ -62,7 +62,7 @@ def _weighted_by_deviation(
 ) -> FloatArray:
     """Terms (N, T) with the weights of least absolute deviations."""
     deviation = np.abs(values - fitted)
-    return _rows_times(terms, weight / np.maximum(deviation, floor_sd))
+    return np.asarray(_rows_times(terms, weight / np.maximum(deviation, floor_sd)))
 
 
 @njit(cache=True, nogil=True)
@@ -73,7 +73,7 @@ def _weighted_by_tukey(
     residual = values - fitted
     cutoff = cutoff_sd * max(MAD_TO_SD * np.median(np.abs(residual)), floor_sd)
     share = np.maximum(1.0 - np.square(residual / cutoff), 0.0)
-    return _rows_times(terms, weight * (share * share))
+    return np.asarray(_rows_times(terms, weight * (share * share)))
 
 
 @njit(cache=True, nogil=True)

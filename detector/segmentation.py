@@ -14,29 +14,42 @@ STANDING_M = 0.2
 BANK_M, BANK_RELIEF_M = 1.0, 0.4
 CELL_M = 1.0
 REACH_M = 60.0
-OUTSIDE = int(PointClass.OUTSIDE)
+UNCLASSIFIED, OUTSIDE = int(PointClass.UNCLASSIFIED), int(PointClass.OUTSIDE)
 
 
 def segment(
     points_m: FloatArray,
     height_m: FloatArray,
+    on_strip: IntArray,
     *,
-    safe: IntArray,
+    safe: np.ndarray,
     below: IntArray,
     above: IntArray,
+    standing: np.ndarray,
     on_obstacle: IntArray,
 ) -> LabelArray:
     """Classes (N,) uint8 of points (N, 3).
 
-    `height_m` (N,) is over the road's long profile; the others are indices: of the road, of what deviates from it
-    together, low and high, and of recognised obstacles.
+    `height_m` (N,) is over the road's long profile, `on_strip` (S,) the indices of the strip of road. Of the strip are
+    a mask of the road and of what stands on it, and indices of what deviates from it together, low and high, and of
+    recognised obstacles.
     """
+    classes = np.zeros(len(on_strip), dtype=np.uint8)
+    classes[safe] = PointClass.SAFE_ROAD
+    classes[below] = PointClass.NEGATIVE
+    classes[above] = PointClass.POSITIVE
+    classes[standing] = PointClass.POSITIVE
+    classes[on_obstacle] = PointClass.OBSTACLE
     labels: LabelArray = _off_road(points_m, height_m)
-    labels[safe] = PointClass.SAFE_ROAD
-    labels[below] = PointClass.NEGATIVE
-    labels[above] = PointClass.POSITIVE
-    labels[on_obstacle] = PointClass.OBSTACLE
+    _write_known(classes, on_strip, labels)
     return labels
+
+
+@njit(cache=True, nogil=True)
+def _write_known(classes: LabelArray, on_strip: IntArray, labels: LabelArray) -> None:
+    for i in range(len(classes)):
+        if classes[i] != UNCLASSIFIED:
+            labels[on_strip[i]] = classes[i]
 
 
 @njit(cache=True, nogil=True)

@@ -5,10 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numba import njit
 
 from detector.clusters import Deviations
-from detector.corridor import Corridor, find_corridor
-from detector.ground import GroundPoints, near_ground
+from detector.corridor import AHEAD_M, BEHIND_M, PATH_SCALE_M, Corridor, find_corridor
+from detector.ground import near_ground
 from detector.surface import MARGIN_M, first_surface, sound_surface
 from detector.sweep_rings import sweep_ring_offsets
 from detector.types import FloatArray, IntArray
@@ -28,30 +29,54 @@ def road_strip(points_m: FloatArray, sensor_height_m: float, curvature_per_m: fl
     """Strip of the road among points (N, 3) of the frame `sensor`; empty where too little road is seen."""
     ground = near_ground(points_m, sensor_height_m, curvature_per_m)
     corridor = find_corridor(ground, curvature_per_m)
-    across = ground.across_m - corridor.offset_m(ground.along_m)
-    chosen = np.flatnonzero(corridor.contains(ground.along_m, across, MARGIN_M))
-    deviations = _deviations(points_m[ground.index[chosen]], ground, chosen, across[chosen], corridor, sensor_height_m)
+    edges = (corridor.right_m - MARGIN_M, corridor.left_m + MARGIN_M)
+    indices, along, across, height = _between(
+        edges, corridor.path_m, ground.index, ground.along_m, ground.across_m, ground.height_m
+    )
+    deviations = _deviations(points_m, indices, along, across, height, corridor, sensor_height_m)
     if deviations is None:
         nothing = np.zeros(0)
-        chosen, deviations = chosen[:0], Deviations(*(nothing,) * 5, sensor_height_m)
+        indices, deviations = indices[:0], Deviations(*(nothing,) * 5, sensor_height_m)
     in_corridor = corridor.contains(deviations.along_m, deviations.across_m)
-    return Strip(corridor, ground.index[chosen], deviations, in_corridor)
+    return Strip(corridor, indices, deviations, in_corridor)
+
+
+@njit(cache=True, nogil=True)
+def _between(
+    edges: tuple[float, float],
+    path: tuple[float, float, float],
+    index: IntArray,
+    along: FloatArray,
+    across: FloatArray,
+    height: FloatArray,
+) -> tuple[IntArray, FloatArray, FloatArray, FloatArray]:
+    """Index, distance along, offset across the path and height (S,) of the ground's points (G,) between two edges."""
+    count, kept = len(index), 0
+    indices, s, t, z = np.empty(count, dtype=np.int64), np.empty(count), np.empty(count), np.empty(count)
+    for i in range(count):
+        part = along[i] / PATH_SCALE_M
+        offset = across[i] - part * (path[0] + part * (path[1] + part * path[2]))
+        if edges[0] < offset < edges[1] and -BEHIND_M < along[i] < AHEAD_M:
+            indices[kept], s[kept], t[kept], z[kept] = index[i], along[i], offset, height[i]
+            kept += 1
+    return indices[:kept], s[:kept], t[:kept], z[:kept]
 
 
 def _deviations(
     points_m: FloatArray,
-    ground: GroundPoints,
-    chosen: IntArray,
-    across: FloatArray,
+    indices: IntArray,
+    along_m: FloatArray,
+    across_m: FloatArray,
+    height_m: FloatArray,
     corridor: Corridor,
     sensor_height_m: float,
 ) -> Deviations | None:
-    along, height = ground.along_m[chosen], ground.height_m[chosen]
-    first = first_surface(along, across, height, corridor)
+    first = first_surface(along_m, across_m, height_m, corridor)
     if first is None:
         return None
-    height = height - sweep_ring_offsets(points_m, along, across, height - first.height_m(along, across))
-    surface = sound_surface(first, along, across, height)
-    range_m = np.hypot(along, across)
-    residual = height - surface.height_m(along, across)
-    return Deviations(along, across, range_m, residual, surface.noise_at(range_m, across), sensor_height_m)
+    raw_m = first.residual_m(along_m, across_m, height_m)
+    level_m = height_m - sweep_ring_offsets(points_m, indices, along_m, across_m, raw_m)
+    surface = sound_surface(first, along_m, across_m, level_m)
+    range_m = np.hypot(along_m, across_m)
+    residual = surface.residual_m(along_m, across_m, level_m)
+    return Deviations(along_m, across_m, range_m, residual, surface.noise_at(range_m, across_m), sensor_height_m)

@@ -52,9 +52,11 @@ class RoadSurface:
     across_start_m: float
     noise_m: FloatArray
 
-    def height_m(self, along_m: FloatArray, across_m: FloatArray) -> FloatArray:
-        """Height (N,) over the profile at distances along and offsets across the path (N,)."""
-        return np.asarray(_height(self.coefficients, self.correction_m, self.across_start_m, along_m, across_m))
+    def residual_m(self, along_m: FloatArray, across_m: FloatArray, height_m: FloatArray) -> FloatArray:
+        """What of heights (N,) over the profile is left over the surface, at distances along and offsets across the
+        path (N,)."""
+        start = self.across_start_m
+        return np.asarray(_residual(self.coefficients, self.correction_m, start, along_m, across_m, height_m))
 
     def noise_at(self, range_m: FloatArray, across_m: FloatArray) -> FloatArray:
         """Standard deviation (N,) of hits about the road at ranges and offsets across the path (N,)."""
@@ -107,7 +109,7 @@ class _NoiseSample:
 
     def noise_about(self, surface: RoadSurface) -> FloatArray:
         """Noise (ranges, zones) of the hits about a surface."""
-        deviation = np.abs(self.height_m - surface.height_m(self.along_m, self.across_m))
+        deviation = np.abs(surface.residual_m(self.along_m, self.across_m, self.height_m))
         return np.asarray(measured_noise(deviation, self.place, self.zones))
 
 
@@ -257,12 +259,17 @@ def _add_shifted(total: FloatArray, factor: float, values: FloatArray, shift: in
 
 
 @njit(cache=True, nogil=True)
-def _height(
-    coefficients: FloatArray, correction: FloatArray, start: float, along: FloatArray, across: FloatArray
+def _residual(
+    coefficients: FloatArray,
+    correction: FloatArray,
+    start: float,
+    along: FloatArray,
+    across: FloatArray,
+    height: FloatArray,
 ) -> FloatArray:
-    """Quadratic plus the bilinear interpolation of the correction."""
+    """Heights less the quadratic and the bilinear interpolation of the correction."""
     rows, columns = correction.shape
-    height = np.empty(len(along))
+    residual = np.empty(len(along))
     for n in range(len(along)):
         row = min(max((along[n] + BEHIND_M) / CELL_M - 0.5, 0.0), rows - 1.001)
         column = min(max((across[n] - start) / CELL_M - 0.5, 0.0), columns - 1.001)
@@ -270,5 +277,5 @@ def _height(
         u, v = row - i, column - j
         upper = correction[i, j] * (1.0 - v) + correction[i, j + 1] * v
         lower = correction[i + 1, j] * (1.0 - v) + correction[i + 1, j + 1] * v
-        height[n] = _quadratic(coefficients, along[n], across[n]) + upper * (1.0 - u) + lower * u
-    return height
+        residual[n] = height[n] - (_quadratic(coefficients, along[n], across[n]) + upper * (1.0 - u) + lower * u)
+    return residual

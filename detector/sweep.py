@@ -66,7 +66,7 @@ def _usable(points: FloatArray) -> tuple[FloatArray, IntArray, int, int]:
             kept[count, 0], kept[count, 1], kept[count, 2] = x, y, z
             indices[count] = i
             count += 1
-    return kept[:count].copy(), indices[:count].copy(), finite, far
+    return kept[:count], indices[:count], finite, far
 
 
 def _usable_of_survey(points: FloatArray) -> tuple[FloatArray, IntArray]:

@@ -31,35 +31,46 @@ STEP_M = 0.001
 
 
 def sweep_ring_offsets(
-    points_m: FloatArray, along_m: FloatArray, across_m: FloatArray, residual_m: FloatArray
+    points_m: FloatArray, indices: IntArray, along_m: FloatArray, across_m: FloatArray, residual_m: FloatArray
 ) -> FloatArray:
-    """Height (N,) by which the ring of each point (N, 3) of the frame `sensor` lies off the road, from its residuals to
-    a first surface: the median over the sectors of the road of the medians in them; 0 of rings that are hardly seen."""
-    if len(points_m) == 0:
+    """Height (S,) by which the ring of each point of the road lies off it, from its residuals (S,) to a first surface:
+    the median over the sectors of the road of the medians in them; 0 of rings that are hardly seen.
+
+    `points_m` (N, 3) are those of the sweep in the frame `sensor`, `indices` (S,) which of them are the road's,
+    `along_m` and `across_m` (S,) where on it.
+    """
+    if len(indices) == 0:
         return np.zeros(0)
-    ring, rings = _rings(points_m, np.abs(residual_m) < BAND_M)
+    ring, rings = _rings(points_m, indices, residual_m)
     sector, sectors = _sectors(along_m, across_m)
     return np.asarray(_offsets(ring, rings, sector, sectors, residual_m))
 
 
-def _sectors(along_m: FloatArray, across_m: FloatArray) -> tuple[IntArray, int]:
-    lane = ((across_m - across_m.min()) / SECTOR_M).astype(np.int64)
-    return 2 * lane + (along_m > 0.0), 2 * int(lane.max()) + 2
+@njit(cache=True, nogil=True)
+def _sectors(along: FloatArray, across: FloatArray) -> tuple[IntArray, int]:
+    """Sector (S,) of each point, and their number."""
+    rightmost, sectors = across.min(), 0
+    sector = np.empty(len(along), dtype=np.int64)
+    for i in range(len(along)):
+        lane = int((across[i] - rightmost) / SECTOR_M)
+        sector[i] = 2 * lane + (along[i] > 0.0)
+        sectors = max(sectors, 2 * lane + 2)
+    return sector, sectors
 
 
 @njit(cache=True, nogil=True)
-def _rings(points: FloatArray, on_road: np.ndarray) -> tuple[IntArray, int]:
-    """Ring (N,) of each point, -1 of none, and their number: heaps of the elevations of the road before and behind the
-    car with gaps between them."""
+def _rings(points: FloatArray, indices: IntArray, residual: FloatArray) -> tuple[IntArray, int]:
+    """Ring (S,) of each of the points at `indices`, -1 of none, and their number: heaps of the elevations of the road
+    before and behind the car with gaps between them."""
     bins = int((HIGHEST_RAD - LOWEST_RAD) / BIN_RAD) + 1
-    ring = np.full(len(points), -1, dtype=np.int64)
+    ring = np.full(len(indices), -1, dtype=np.int64)
     filled = np.zeros(bins, dtype=np.bool_)
-    for i in range(len(points)):
-        x, y, z = points[i, 0], points[i, 1], points[i, 2]
+    for i in range(len(indices)):
+        x, y, z = points[indices[i]]
         k = int((math.atan2(z, math.sqrt(x * x + y * y)) - LOWEST_RAD) / BIN_RAD)
         if 0 <= k < bins:
             ring[i] = k
-            filled[k] |= on_road[i] and abs(y) < MAX_BESIDE * abs(x)
+            filled[k] |= abs(residual[i]) < BAND_M and abs(y) < MAX_BESIDE * abs(x)
     number = np.full(bins, -1, dtype=np.int64)
     rings, first, last = 0, -1, -1
     for k in range(bins):
@@ -69,7 +80,7 @@ def _rings(points: FloatArray, on_road: np.ndarray) -> tuple[IntArray, int]:
             rings, first = rings + 1, k
         last = k
         number[first : k + 1] = rings - 1 if k - first < MAX_RING_BINS else -1
-    for i in range(len(points)):
+    for i in range(len(ring)):
         if ring[i] >= 0:
             ring[i] = number[ring[i]]
     return ring, rings

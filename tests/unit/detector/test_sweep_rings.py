@@ -27,7 +27,7 @@ def rings_of_a_road(seed: int, bias_m: float) -> tuple[np.ndarray, np.ndarray, n
 
 
 def offsets_of(points: np.ndarray, residual: np.ndarray) -> np.ndarray:
-    return sweep_ring_offsets(points, points[:, 0], points[:, 1], residual)
+    return sweep_ring_offsets(points, np.arange(len(points)), points[:, 0], points[:, 1], residual)
 
 
 @settings(max_examples=20, deadline=None)
