@@ -57,14 +57,14 @@ def serve(
 
         HEADSUP_BOOTSTRAP_OPERATOR_KEY=$(openssl rand -base64 33) headsup serve --host 0.0.0.0
     """
-    from server.errors import ServiceError
+    from server.errors import ServiceError, for_operators
     from server.running import run
 
     settings = settings_with(host=host, port=port, database_url=database_url)
     try:
         exit_code = run(settings)
     except ServiceError as error:
-        refuse(str(error))
+        refuse(for_operators(error))
     raise typer.Exit(exit_code)
 
 
@@ -170,7 +170,7 @@ def with_database(work: Callable[[Database], Awaitable[None]]) -> None:
     from sqlalchemy.exc import SQLAlchemyError
 
     from server.database import Database
-    from server.errors import ServiceError
+    from server.errors import ServiceError, for_operators
 
     async def opened() -> None:
         database = Database.open(settings_with().database_url)
@@ -182,7 +182,10 @@ def with_database(work: Callable[[Database], Awaitable[None]]) -> None:
     try:
         asyncio.run(opened())
     except ServiceError as error:
-        refuse(str(error))
+        refuse(for_operators(error))
+    except BrokenPipeError:
+        # Whoever reads the output has had enough; the command line ends quietly.
+        raise
     except OSError as error:
         refuse(f"{error.filename or 'the system'}: {error.strerror}")
     except SQLAlchemyError as error:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import logging
 import secrets
 from collections.abc import AsyncIterator, Coroutine
 from contextlib import asynccontextmanager
@@ -31,6 +32,8 @@ from server.settings import Settings
 from server.startup import make_ready
 from server.stream import Hub
 from server.upkeep import Upkeep
+
+_LOG = logging.getLogger(__name__)
 
 
 def create_app(settings: Settings) -> FastAPI:
@@ -90,7 +93,8 @@ async def _background(work: Coroutine[None, None, None]) -> AsyncIterator[None]:
 
 async def _parts(database: Database, settings: Settings) -> Parts:
     keys, hub, policy = Keys(database, settings.bootstrap_operator_key), Hub(), policy_of(settings)
-    await make_ready(database, keys, settings)
+    if not await make_ready(database, keys, settings):
+        _LOG.warning("running open: there is no API key, so everybody on this machine may read and post")
     async with database.write() as connection:
         secret = await Repository(connection, policy.life).secret("witness", secrets.token_hex(32))
     operators = Operators(database, policy.life, settings.write_deadline_s, hub.publish)

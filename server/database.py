@@ -17,6 +17,8 @@ from sqlalchemy.pool import ConnectionPoolEntry, QueuePool
 
 from server.driver import Driver
 from server.errors import UnavailableError
+from server.tables import secret
+from server.write_health import WriteHealth, storage_failure
 
 # Well below a request's deadline, so that it is the request that gives up; commands wait this long.
 _BUSY_TIMEOUT_MS = 2_000
@@ -24,10 +26,11 @@ _BUSY_TIMEOUT_MS = 2_000
 _READ_DEADLINE_S = 10.0
 # PostgreSQL: serialization failure, deadlock, unique violation, too many connections; shut down, crashed, starting.
 _STATES_WORTH_A_RETRY = frozenset({"40001", "40P01", "23505", "53300", "57P01", "57P02", "57P03"})
-_SQLITE_WORTH_A_RETRY = ("database is locked", "UNIQUE constraint failed", "database or disk is full")
+_SQLITE_WORTH_A_RETRY = ("database is locked", "UNIQUE constraint failed")
 # While it starts, asyncpg's own errors come through SQLAlchemy as they are.
 _NOT_CONNECTED = (OSError, DBAPIError, PoolTimeoutError, asyncpg.PostgresError, asyncpg.InterfaceError)
 _WRITES = "headsup_writes"
+_PROBE = "probe"
 
 
 class Database:
@@ -39,6 +42,7 @@ class Database:
         self._writer = asyncio.Lock() if engine.dialect.name == "sqlite" else None
         self.driver = None if engine.dialect.name == "sqlite" else Driver(engine, _READ_DEADLINE_S)
         """Of PostgreSQL, for a statement that is sent all the time."""
+        self.writes = WriteHealth()
 
     @classmethod
     def open(cls, url: str) -> Database:
@@ -95,6 +99,22 @@ class Database:
     @asynccontextmanager
     async def write(self) -> AsyncIterator[AsyncConnection]:
         """A transaction that commits at the end of the block, or rolls back when it raises."""
+        with self.writes.watched():
+            async with self._writing() as connection:
+                yield connection
+
+    async def probe(self) -> None:
+        """Write what leaves nothing behind. Raises `UnavailableError` when the database takes no writes."""
+        try:
+            async with self.write() as connection:
+                # An update to the same value would not reach the disk: SQLite compares first.
+                await connection.execute(secret.insert().values(name=_PROBE, value=""))
+                await connection.execute(secret.delete().where(secret.c.name == _PROBE))
+        except DBAPIError as error:
+            raise UnavailableError("the database takes no writes") from error
+
+    @asynccontextmanager
+    async def _writing(self) -> AsyncIterator[AsyncConnection]:
         async with AsyncExitStack() as stack:
             if self._writer is not None:
                 await stack.enter_async_context(self._writer)
@@ -120,9 +140,12 @@ def is_worth_a_retry(error: DBAPIError) -> bool:
     """Whether the same transaction may succeed when it is tried again.
 
     A lost connection is: report ids make a second attempt harmless even if the first has committed. So is a unique
-    violation: another transaction has just written the same row, and the next attempt will see it.
+    violation: another transaction has just written the same row, and the next attempt will see it. A full disk is, as
+    somebody will make room.
     """
-    if error.connection_invalidated or getattr(error.orig, "sqlstate", None) in _STATES_WORTH_A_RETRY:
+    if storage_failure(error) is not None or error.connection_invalidated:
+        return True
+    if getattr(error.orig, "sqlstate", None) in _STATES_WORTH_A_RETRY:
         return True
     return str(error.orig).startswith(_SQLITE_WORTH_A_RETRY)
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from http import HTTPStatus
@@ -141,6 +142,15 @@ def problem_of(error: ServiceError) -> Response:
     if isinstance(error, TooManyRequestsError):
         headers["Retry-After"] = str(max(1, math.ceil(error.wait_s)))
     return problem(known.type, known.status, str(error), headers)
+
+
+def for_operators(error: ServiceError) -> str:
+    """The error and its cause in one line: for the terminal only, since drivers name hosts, users and files."""
+    cause = error.__cause__
+    said = "" if cause is None else str(getattr(cause, "orig", cause))
+    # SQLAlchemy puts the name of asyncpg's class before what it says.
+    (line, *_) = re.sub(r"^<class '[^']*'>: ", "", said).splitlines() or [""]
+    return f"{error}: {line}" if line else str(error)
 
 
 def unexpected_problem() -> Response:

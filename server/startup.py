@@ -1,8 +1,6 @@
-"""What must hold before the server listens: the schema is this version's, and nobody beyond loopback needs no key."""
+"""What must hold before the server listens: the schema is right, writes work, beyond loopback everybody needs a key."""
 
 from __future__ import annotations
-
-import logging
 
 from server import schema
 from server.database import Database
@@ -10,20 +8,21 @@ from server.errors import UnguardedError
 from server.keys import Keys
 from server.settings import Settings
 
-_LOG = logging.getLogger(__name__)
 
+async def make_ready(database: Database, keys: Keys, settings: Settings) -> bool:
+    """Check schema, storage and guard; whether there are keys.
 
-async def make_ready(database: Database, keys: Keys, settings: Settings) -> None:
-    """Check the schema and the guard; raises `SchemaOutOfDateError` or `UnguardedError`."""
+    Raises `SchemaOutOfDateError`, `UnavailableError` or `UnguardedError`.
+    """
     await schema.prepare(database)
-    if await keys.exist():
-        return
-    if settings.listens_beyond_loopback:
+    await database.probe()
+    has_keys = await keys.exist()
+    if not has_keys and settings.listens_beyond_loopback:
         raise UnguardedError(
             f"refusing to listen on {settings.host} without any API key: make one with `headsup keys create "
             "--role operator --name NAME`, or set HEADSUP_BOOTSTRAP_OPERATOR_KEY"
         )
-    _LOG.warning("running open: there is no API key, so everybody on this machine may read and post")
+    return has_keys
 
 
 async def preflight(settings: Settings) -> None:

@@ -1,0 +1,102 @@
+"""A database that takes no writes: who is told, and when it is over."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import AsyncIterator
+from contextlib import AsyncExitStack, asynccontextmanager
+from pathlib import Path
+
+import httpx
+import psutil
+import pytest
+from fastapi import FastAPI
+from sqlalchemy.engine import make_url
+
+from server import readiness
+from server.database import Database
+from server.settings import Settings
+from tests.integration.asking import JSON, ago
+from tests.integration.keys_of import client_of, opened
+from tests.integration.serving import refused, served
+from tests.integration.test_server_trust import batch, problem
+from tests.unit.server.making import detection, message
+
+
+def body(number: int = 0) -> str:
+    return batch(message(detection(20 * number, 0), at=ago(1), number=number))
+
+
+@asynccontextmanager
+async def read_only(app: FastAPI) -> AsyncIterator[None]:
+    """The server's connections take no writes within the block."""
+    database: Database = app.state.parts.database
+    await _set_read_only(database, True)
+    try:
+        yield
+    finally:
+        await _set_read_only(database, False)
+
+
+async def _set_read_only(database: Database, yes: bool) -> None:
+    if database.is_sqlite:
+        async with AsyncExitStack() as held:
+            for connection in [
+                await held.enter_async_context(database.read()) for _ in range(sum(database.connections))
+            ]:
+                await connection.exec_driver_sql(f"PRAGMA query_only={int(yes)}")
+        return
+    async with database.read() as connection:
+        name = make_url(str(connection.engine.url)).database
+        await connection.exec_driver_sql("SET TRANSACTION READ WRITE")
+        await connection.exec_driver_sql(f'ALTER DATABASE "{name}" SET default_transaction_read_only = {int(yes)}')
+        await connection.commit()
+        # Sessions keep what they began with.
+        others = "SELECT pg_terminate_backend(pid) FROM pg_stat_activity WHERE datname = current_database() AND pid <>"
+        await connection.exec_driver_sql(f"{others} pg_backend_pid()")
+        await connection.invalidate()
+
+
+async def test_a_server_whose_database_takes_no_writes_is_not_ready_until_it_does(
+    settings: Settings, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    monkeypatch.setattr(readiness, "_PROBE_EVERY_S", 0.0)
+    async with opened(settings.model_copy(update={"write_deadline_s": 0.5})) as app, client_of(app) as client:
+        assert (await client.post("/v1/observations", content=body(), headers=JSON)).status_code == 200
+        async with read_only(app):
+            for number in (1, 2):
+                lost = await client.post("/v1/observations", content=body(number), headers=JSON)
+                assert problem(lost) == (503, "unavailable")
+                asked = await client.get("/readyz")
+                assert problem(asked) == (503, "unavailable")
+                assert asked.json()["detail"] == "the database takes no writes: the database is read-only"
+            assert (await client.get("/v1/obstacles?lat=38.2466&lon=21.7346")).json()["features"]
+        # No report need come: whoever is not ready gets none.
+        assert (await client.get("/readyz")).status_code == 200
+        assert (await client.post("/v1/observations", content=body(1), headers=JSON)).status_code == 200
+    told = [(item.levelno, item.message) for item in caplog.records if item.name == "server.write_health"]
+    assert told == [
+        (logging.ERROR, "the database takes no writes: the database is read-only"),
+        (logging.WARNING, "the database takes writes again"),
+    ]
+
+
+def test_a_disk_that_fails_is_told_by_the_log_and_by_readiness(tmp_path: Path) -> None:
+    with served(tmp_path / "headsup.sqlite3", HEADSUP_WRITE_DEADLINE_S="0.5") as server, server.client() as client:
+        assert client.post("/v1/observations", content=body(), headers=JSON).status_code == 200
+        process = psutil.Process(server.process.pid)
+        _, most = process.rlimit(psutil.RLIMIT_FSIZE)
+        written = (tmp_path / "headsup.sqlite3-wal").stat().st_size
+        process.rlimit(psutil.RLIMIT_FSIZE, (written, most))
+        lost: httpx.Response = client.post("/v1/observations", content=body(1), headers=JSON)
+        not_ready = client.get("/readyz")
+        process.rlimit(psutil.RLIMIT_FSIZE, (most, most))
+        again = client.post("/v1/observations", content=body(1), headers=JSON)
+    assert [problem(lost), problem(not_ready)] == [(503, "unavailable")] * 2
+    assert again.json()["results"][0]["status"] == "accepted"
+    assert server.log().count("the database takes no writes: the disk") == 1
+
+
+def test_a_database_that_cannot_be_opened_is_refused_with_its_cause(tmp_path: Path) -> None:
+    (told,) = refused(HEADSUP_DATABASE_URL=f"sqlite+aiosqlite:///{tmp_path}").splitlines()
+    assert told == "the database cannot be opened: unable to open database file"
