@@ -1,4 +1,4 @@
-"""Whether this process should be sent requests: the database answers, its schema is right, writes work, no end is near."""
+"""Whether this process should be sent requests: the database answers, its schema is right, writes work, no end near."""
 
 from __future__ import annotations
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import logging
 from collections.abc import AsyncIterator
 from contextlib import AsyncExitStack, asynccontextmanager
@@ -40,10 +41,12 @@ async def read_only(app: FastAPI) -> AsyncIterator[None]:
 
 async def _set_read_only(database: Database, yes: bool) -> None:
     if database.is_sqlite:
+        while database.connections[0]:  # noqa: ASYNC110  # the round at the start may still be reading
+            await asyncio.sleep(0.01)
+        # Each connection of the pool.
         async with AsyncExitStack() as held:
-            for connection in [
-                await held.enter_async_context(database.read()) for _ in range(sum(database.connections))
-            ]:
+            for _ in range(sum(database.connections)):
+                connection = await held.enter_async_context(database.read())
                 await connection.exec_driver_sql(f"PRAGMA query_only={int(yes)}")
         return
     async with database.read() as connection:
