@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import os
 from collections.abc import AsyncIterator
 from contextlib import AsyncExitStack, asynccontextmanager
 from pathlib import Path
@@ -46,14 +47,15 @@ class Database:
 
     @classmethod
     def open(cls, url: str) -> Database:
-        """A database by its SQLAlchemy URL; nothing is connected yet."""
+        """A database by its SQLAlchemy URL; nothing is connected yet, but a new file of SQLite is made.
+
+        Raises `UnavailableError` when there can be none.
+        """
         # JSON columns are text on both engines: the tables' types parse it (asyncpg's codec would do so before them).
         # Values of statements are what vehicles sent: they must not get into the text of an error.
         engine = create_async_engine(url, pool_pre_ping=True, json_deserializer=str, hide_parameters=True)
         if engine.dialect.name == "sqlite":
-            folder = Path(engine.url.database or "").parent
-            if not folder.is_dir():
-                raise UnavailableError(f"the database cannot be opened: there is no folder {folder}")
+            _make_file(Path(engine.url.database or ""))
             event.listen(engine.sync_engine, "connect", _configure_sqlite)
             event.listen(engine.sync_engine, "begin", _begin_sqlite)
         return cls(engine)
@@ -148,6 +150,17 @@ def is_worth_a_retry(error: DBAPIError) -> bool:
     if getattr(error.orig, "sqlstate", None) in _STATES_WORTH_A_RETRY:
         return True
     return str(error.orig).startswith(_SQLITE_WORTH_A_RETRY)
+
+
+def _make_file(path: Path) -> None:
+    """A new file that only its owner may read, for keys' hashes are in it; SQLite's log beside it follows."""
+    try:
+        os.close(os.open(path, os.O_CREAT | os.O_EXCL | os.O_WRONLY, 0o600))
+    except FileExistsError:
+        if not path.is_file():
+            raise UnavailableError(f"the database cannot be opened: {path} is no file") from None
+    except OSError as error:
+        raise UnavailableError(f"the database cannot be opened: {path}: {error.strerror}") from None
 
 
 def _configure_sqlite(connection: DBAPIConnection, _entry: ConnectionPoolEntry) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import logging
+import os
 from collections.abc import AsyncIterator
 from contextlib import AsyncExitStack, asynccontextmanager
 from pathlib import Path
@@ -101,5 +102,19 @@ def test_a_disk_that_fails_is_told_by_the_log_and_by_readiness(tmp_path: Path) -
 
 
 def test_a_database_that_cannot_be_opened_is_refused_with_its_cause(tmp_path: Path) -> None:
-    (told,) = refused(HEADSUP_DATABASE_URL=f"sqlite+aiosqlite:///{tmp_path}").splitlines()
-    assert told == "the database cannot be opened: unable to open database file"
+    (tmp_path / "damaged").write_text("no database" * 1_000)
+    causes = {"damaged": "file is not a database", "": "is no file", "nowhere/at/all": "No such file or directory"}
+    for name, cause in causes.items():
+        (told,) = refused(HEADSUP_DATABASE_URL=f"sqlite+aiosqlite:///{tmp_path}/{name}").splitlines()
+        assert told.startswith("the database cannot be opened: ")
+        assert told.endswith(cause)
+
+
+def test_only_its_owner_may_read_a_database_of_sqlite(tmp_path: Path) -> None:
+    before = os.umask(0o022)
+    try:
+        with served(tmp_path / "headsup.sqlite3"):
+            modes = {path.name: path.stat().st_mode & 0o777 for path in tmp_path.glob("*.sqlite3*")}
+    finally:
+        os.umask(before)
+    assert modes == {f"headsup.sqlite3{end}": 0o600 for end in ("", "-wal", "-shm")}
