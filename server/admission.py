@@ -101,15 +101,12 @@ class Admission:
             raise ForbiddenError("pages of this origin may not connect: see HEADSUP_CORS_ORIGINS")
 
     async def _looked_up(self, connection: HTTPConnection, authorization: str | None) -> Caller:
-        address = _network(connection)
-        # Whoever was served before shares the address with an attacker (a carrier's NAT, a proxy) and is none.
-        is_new = not self._keys.has_served(authorization)
-        if is_new and (wait_s := self._failures.wait_s(address, time.monotonic())):
-            raise self._refusal("failed-keys", wait_s)
         try:
             return await self._keys.caller(authorization)
         except UnauthenticatedError:
-            self._failures.take(address, time.monotonic())
+            # Only who fails counts and waits: good keys share the address with an attacker (a carrier's NAT, a proxy).
+            if wait_s := self._failures.take(_network(connection), time.monotonic()):
+                raise self._refusal("failed-keys", wait_s) from None
             raise
 
     def _refusal(self, what: str, wait_s: float) -> TooManyRequestsError:

@@ -17,6 +17,7 @@ from sqlalchemy import RowMapping, select, update
 
 from server.database import Database
 from server.errors import ForbiddenError, UnauthenticatedError
+from server.key_owners import KeyOwners
 from server.tables import api_key
 
 _OPEN, _BOOTSTRAP = "open", "bootstrap"
@@ -71,7 +72,9 @@ class Keys:
 
     def __init__(self, database: Database, bootstrap: SecretStr | None) -> None:
         self._database = database
+        self._owners = KeyOwners(database)
         self._remembered: dict[str | None, _Remembered] = {}
+        self._some_exist = bootstrap is not None
         self._bootstrap_sha256 = None if bootstrap is None else _sha256(bootstrap.get_secret_value())
 
     def remembered(self, authorization: str | None) -> Caller | None:
@@ -80,10 +83,6 @@ class Keys:
         if remembered is not None and time.monotonic() < remembered.until_s:
             return remembered.caller
         return None
-
-    def has_served(self, authorization: str | None) -> bool:
-        """Whether the header was good when it was last looked up."""
-        return authorization in self._remembered
 
     async def caller(self, authorization: str | None) -> Caller:
         """Who an `Authorization` header stands for, as the database says; it is believed for some seconds."""
@@ -109,10 +108,11 @@ class Keys:
 
     async def exist(self) -> bool:
         """Whether any key was ever made; from then on nobody is served without one."""
-        if self._bootstrap_sha256 is not None:
-            return True
-        async with self._database.read() as connection:
-            return (await connection.execute(select(api_key.c.id).limit(1))).first() is not None
+        if not self._some_exist:
+            async with self._database.read() as connection:
+                # No key is ever deleted.
+                self._some_exist = (await connection.execute(select(api_key.c.id).limit(1))).first() is not None
+        return self._some_exist
 
     async def create(self, role: Role, name: str) -> str:
         """Make a key; it is returned here and never again."""
@@ -143,12 +143,11 @@ class Keys:
     async def _owner(self, sha256: str) -> Caller:
         if self._bootstrap_sha256 is not None and hmac.compare_digest(sha256, self._bootstrap_sha256):
             return Caller(_BOOTSTRAP, Role.OPERATOR)
-        query = select(api_key.c.id, api_key.c.role).where(api_key.c.sha256 == sha256, api_key.c.revoked_at.is_(None))
-        async with self._database.read() as connection:
-            row = (await connection.execute(query)).mappings().one_or_none()
-        if row is None:
+        owner = await self._owners.of(sha256)
+        if owner is None:
             raise UnauthenticatedError("the key is unknown or revoked")
-        return Caller(str(row["id"]), Role(row["role"]))
+        key_id, role = owner
+        return Caller(key_id, Role(role))
 
 
 def _sha256(key: str) -> str:

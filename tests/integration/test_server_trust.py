@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import asyncio
+from collections import Counter
+from collections.abc import Mapping
 from datetime import UTC, datetime
 from pathlib import Path
 
@@ -12,6 +14,7 @@ from pydantic import SecretStr
 
 from contract.observation import MAX_BODY_BYTES, ObservationBatch, ObservationReport
 from server import readiness
+from server.key_owners import KeyOwners
 from server.keys import Role
 from server.settings import Settings
 from tests.integration.asking import AROUND_PATRAS, JSON, ago
@@ -89,21 +92,38 @@ async def test_reports_are_limited_by_their_number(limited: Settings) -> None:
         assert 1 <= int(answers[-1].headers["Retry-After"]) <= 21
 
 
-async def test_unknown_keys_of_one_address_are_limited_and_known_keys_are_still_served(
-    limited: Settings, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Also when the server has to ask the database again whether the key is good."""
-    monkeypatch.setattr("server.keys._KEY_BELIEVED_S", 0.0)
+async def test_unknown_keys_of_one_address_are_limited_and_good_keys_of_it_are_served(limited: Settings) -> None:
+    """Also keys that the server has never seen: an attacker behind the same proxy locks nobody out."""
     async with opened(limited) as app:
-        (known,) = await keyed(app, Role.READER)
+        (good,) = await keyed(app, Role.READER)
         async with client_of(app, "203.0.113.5") as attacker, client_of(app, "198.51.100.7") as other:
-            assert (await attacker.get("/v1/obstacles/x", headers=bearer(known))).status_code == 422
             tried = [await attacker.get("/v1/actions", headers=bearer(f"guess{n}")) for n in range(5)]
             assert [answer.status_code for answer in tried] == [401, 401, 401, 429, 429]
             assert 1 <= int(tried[-1].headers["Retry-After"]) <= 20
             assert (await attacker.get("/v1/actions")).status_code == 429
-            assert (await attacker.get("/v1/obstacles/x", headers=bearer(known))).status_code == 422
+            assert (await attacker.get("/v1/obstacles/x", headers=bearer(good))).status_code == 422
             assert (await other.get("/v1/actions", headers=bearer("guess"))).status_code == 401
+
+
+async def test_many_unknown_keys_at_once_share_statements_and_leave_the_database_to_others(
+    limited: Settings, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    statements: list[int] = []
+    reads = KeyOwners._read
+
+    async def counted(owners: KeyOwners, hashes: list[str]) -> Mapping[str, tuple[str, str]]:
+        statements.append(len(hashes))
+        return await reads(owners, hashes)
+
+    monkeypatch.setattr(KeyOwners, "_read", counted)
+    async with opened(limited) as app, client_of(app) as client:
+        (good,) = await keyed(app, Role.READER)
+        keys = [f"guess{n}" for n in range(200)] + [good]
+        answers = await asyncio.gather(*(client.get("/v1/obstacles/x", headers=bearer(key)) for key in keys))
+    assert answers[-1].status_code == 422
+    assert Counter(answer.status_code for answer in answers[:-1]) == {401: 3, 429: 197}
+    assert sum(statements) == 201
+    assert len(statements) <= 3
 
 
 async def test_addresses_of_one_ipv6_network_are_one(limited: Settings) -> None:
