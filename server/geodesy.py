@@ -21,6 +21,8 @@ _B_M = _A_M * (1 - _FLATTENING)
 _E2 = _FLATTENING * (2 - _FLATTENING)
 _SECOND_E2 = _E2 / (1 - _E2)
 # Vehicles report from a few thousand places at a time.
+# Within these the metric of `metres_per_degree` is good to some parts in a million.
+_PLANE_LATITUDE_DEG, _PLANE_M, _PLANE_ERROR = 85.0, 2_000.0, 1e-4
 _REMEMBERED_PLANES = 4_096
 
 
@@ -40,9 +42,16 @@ def distance_m(a: LatLon, b: LatLon) -> float:
 
 
 def is_within(a: LatLon, b: LatLon, radius_m: float) -> bool:
-    """Whether two positions are at most `radius_m` apart; cheap when their latitudes already say no."""
-    if abs(a.latitude_deg - b.latitude_deg) * _LEAST_DEGREE_M > radius_m:
+    """Whether two positions are at most `radius_m` apart; the geodesic decides only where the plane cannot."""
+    north_deg = b.latitude_deg - a.latitude_deg
+    if abs(north_deg) * _LEAST_DEGREE_M > radius_m:
         return False
+    if max(abs(a.latitude_deg), abs(b.latitude_deg)) <= _PLANE_LATITUDE_DEG:
+        north_scale, east_scale, slope = metres_per_degree(a.latitude_deg)
+        east_deg = math.remainder(b.longitude_deg - a.longitude_deg, 360.0)
+        apart_m = math.hypot(north_scale * north_deg, (east_scale + slope * north_deg) * east_deg)
+        if apart_m <= _PLANE_M and abs(apart_m - radius_m) > _PLANE_ERROR * radius_m:
+            return apart_m <= radius_m
     return distance_m(a, b) <= radius_m
 
 

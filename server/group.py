@@ -7,12 +7,13 @@ from dataclasses import dataclass
 
 from contract.observation import ReportResult, ReportStatus
 from server import answers, parcel, rules, writing
+from server.candidates import Asked
 from server.database import Database
 from server.features import ObstacleEvent
-from server.parcel import Parcel, Reach
+from server.parcel import Parcel
 from server.plausibility import LastPlace, is_too_fast, place_of
 from server.policy import Policy
-from server.quadkey import merged
+from server.reach import NOWHERE, Reach, reach_of
 from server.repository import Answered, ReportName, Repository
 from server.working_set import WorkingSet
 
@@ -46,10 +47,8 @@ async def decide_opened(database: Database, opened: Sequence[Opened], policy: Po
         repository = Repository(connection, policy.life)
         held = await repository.hold(number for item in opened for number in item.reach.tiles)
         known = await repository.answered(item.name for item in parcels)
-        ranges = merged(span for item in opened for span in item.reach.ranges)
-        witnesses = {item.witness for item in parcels}
-        places = await repository.last_places(witnesses)
-        changes = await repository.working_set(held, ranges, witnesses)
+        places = await repository.last_places({item.witness for item in parcels})
+        changes = await repository.working_set(held, [Asked(item.reach, item.parcel.witness) for item in opened])
         group = _Group(changes, known, places, policy)
         outcomes = [group.decided(item) for item in opened]
         await writing.log(connection, group.lines)
@@ -72,10 +71,7 @@ class Opened:
 def _opened(item: Parcel, policy: Policy, distrusted: Container[str]) -> Opened:
     report = parcel.opened(item, policy, distrusted)
     # Only what can change something locks: at a pole the reach of a report is a whole row of tiles.
-    return Opened(item, report, _NOWHERE if isinstance(report, str) else parcel.reach(item.message, policy))
-
-
-_NOWHERE = Reach((), ())
+    return Opened(item, report, NOWHERE if isinstance(report, str) else reach_of(item.message, policy))
 
 
 class _Group:
@@ -104,7 +100,7 @@ class _Group:
         if last is not None and is_too_fast(last, here, self._policy.plausibility):
             return Outcome(answers.refused(item.message, ReportStatus.REJECTED, "impossible-speed"))
         try:
-            nearby = self._changes.nearby(opened.reach.ranges)
+            nearby = self._changes.nearby(opened.reach)
             decisions = rules.decide(report, nearby, item.received_at, self._policy)
             result = answers.accepted(item.message, decisions)
         except Exception as error:  # one report's failure is answered as such, and only to its sender

@@ -46,7 +46,7 @@ class _Pairs:
     east_m: FloatArray  # (D, O), detection minus obstacle
     north_m: FloatArray
     information: Information  # each (D, O), inverse covariance without the pose error
-    shape_cost: FloatArray  # (D, O)
+    shape_cost: FloatArray  # (D, O), of allowed pairs
     allowed: NDArray[np.bool_]  # (D, O)
     pose_m2: Symmetric
     pose_information: Symmetric
@@ -141,15 +141,20 @@ def _pairs(
     stored = [stored_covariance_m2(obstacle.place, policy) for obstacle in obstacles]
     measured = [matrix_m2(detection.covariance) for detection in detections]
     pose_m2 = matrix_m2(report.origin.covariance).widened(_LEAST_VARIANCE_M2)
+    allowed = [
+        [d.sign is o.sign and same_level(report, d.up_m, o.place, policy) for o in obstacles] for d in detections
+    ]
     return _Pairs(
         east_m=_differences([d.east_m for d in detections], [place.east_m for place in places]),
         north_m=_differences([d.north_m for d in detections], [place.north_m for place in places]),
         information=_inverse(_sums(measured, stored)),
-        shape_cost=np.array([[_shape_cost(d, o, policy) for o in obstacles] for d in detections]),
-        allowed=np.array(
-            [[d.sign is o.sign and same_level(report, d.up_m, o.place, policy) for o in obstacles] for d in detections],
-            dtype=np.bool_,
+        shape_cost=np.array(
+            [
+                [_shape_cost(d, o, policy) if may else 0.0 for o, may in zip(obstacles, row, strict=True)]
+                for d, row in zip(detections, allowed, strict=True)
+            ]
         ),
+        allowed=np.array(allowed, dtype=np.bool_),
         pose_m2=pose_m2,
         pose_information=pose_m2.inverse(),
     )

@@ -17,13 +17,14 @@ from sqlalchemy import RowMapping, Table, select, tuple_
 
 from contract.history import OperatorAction
 from contract.observation import ObservationReport, ReportResult
-from server import parcel, rules, tables
+from server import rules, tables
 from server.audit import Order
 from server.database import Database
 from server.errors import ServiceError
 from server.group import Opened
 from server.parcel import Parcel
 from server.policy import Policy
+from server.reach import reach_of
 
 _BATCH = 500
 _tiles = TypeAdapter(dict[int, int])
@@ -76,7 +77,7 @@ def report_of(line: Line, policy: Policy) -> Opened:
     received_at, witness, key_id = line.row["received_at"], line.row["witness"], line.row["key_id"]
     item = Parcel(message, received_at, received_at, key_id, witness, line.row["body"])
     report = rules.Report(message, line.row["observed_at"], key_id, witness, trusted=not _was_distrusted(line.row))
-    return Opened(item, report, parcel.reach(message, policy))
+    return Opened(item, report, reach_of(message, policy))
 
 
 def order_of(line: Line) -> Order:

@@ -1,9 +1,8 @@
-"""A report on its way to its decision: who sent it, when it came, where it can matter, and whether it is believed."""
+"""A report on its way to its decision: who sent it, when it came, and whether it is believed."""
 
 from __future__ import annotations
 
 import hashlib
-import math
 from collections.abc import Container
 from dataclasses import dataclass
 from datetime import datetime
@@ -13,7 +12,6 @@ from contract.observation import ObservationReport
 from server import rules
 from server.plausibility import clock_correction, report_rejection
 from server.policy import Policy
-from server.quadkey import Ranges, cover, tiles
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,20 +51,3 @@ def opened(parcel: Parcel, policy: Policy, distrusted: Container[str]) -> rules.
         parcel.witness,
         trusted=parcel.witness not in distrusted,
     )
-
-
-@dataclass(frozen=True, slots=True)
-class Reach:
-    """All that a report could match, as tiles to lock and as ranges of cells to read."""
-
-    tiles: tuple[int, ...]
-    ranges: Ranges
-
-
-def reach(message: ObservationReport, policy: Policy) -> Reach:
-    """What lies within what the report saw, the gate, and an obstacle's drift."""
-    limits = policy.plausibility
-    seen_m = max((math.hypot(item.east_m, item.north_m) for item in message.detections), default=0.0)
-    reach_m = limits.reach_m if message.inspections else min(seen_m, limits.reach_m)
-    radius_m = reach_m + policy.gate_m + policy.matching.greatest_drift_m
-    return Reach(tiles(message.origin.position, radius_m), cover(message.origin.position, radius_m))

@@ -8,7 +8,7 @@ from datetime import datetime, timedelta
 
 from contract.geometry import LatLon
 from contract.observation import Detection, ObservationReport
-from server.geodesy import distance_m
+from server.geodesy import is_within
 from server.policy import Plausibility, Times
 from server.symmetric import greatest_sd_m
 
@@ -33,7 +33,7 @@ def is_too_fast(before: LastPlace, now: LastPlace, limits: Plausibility) -> bool
     if seconds > limits.speed_window_s:
         return False
     errors_m = 3 * math.hypot(before.sd_m, now.sd_m) + limits.speed_slack_m
-    return distance_m(before.position, now.position) - errors_m > limits.greatest_speed_mps * seconds
+    return not is_within(before.position, now.position, errors_m + limits.greatest_speed_mps * seconds)
 
 
 def report_rejection(report: ObservationReport, age: timedelta, limits: Plausibility, times: Times) -> str | None:

@@ -76,6 +76,9 @@ class Matching:
     """99.9 % with 2 degrees of freedom: one true pair in a thousand is lost."""
     least_stored_sd_m: float = 0.3
     """Fused positions look better than they are, since GNSS errors of passes correlate."""
+    well_known_sd_m: float = 3.0
+    """A consumer receiver: what is better known is looked for near a detection only, the few others within the gate of
+    the worst pose."""
     shape_weight: float = 6.0
     """An altogether different shape costs as much as 2.4 sd of distance: it decides between neighbours, not alone."""
     joining_overlap: float = 0.5

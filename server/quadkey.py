@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
+from typing import NamedTuple
 
 from contract.geometry import LatLon
 
@@ -25,7 +26,8 @@ _COVER_SIDE = 4
 
 def cell_of(position: LatLon) -> int:
     """Morton code of the position's tile at zoom 24."""
-    return _morton(*_tile_xy(position.latitude_deg, position.longitude_deg, CELL_ZOOM))
+    column = math.floor(_across(position.longitude_deg) * (1 << CELL_ZOOM)) % (1 << CELL_ZOOM)
+    return _spread(column) | _spread(_row(_down(position.latitude_deg), CELL_ZOOM)) << 1
 
 
 def tile_of_cell(cell: int) -> int:
@@ -54,15 +56,15 @@ def cover(centre: LatLon, radius_m: float) -> Ranges:
 
     At most 4 x 4 tiles of one zoom; wraps in x across the antimeridian, clamps in y beyond the last mercator row.
     """
-    zoom = next(z for z in range(_finest_zoom(centre, radius_m), -1, -1) if _fits(centre, radius_m, z))
+    window = _window(centre, radius_m)
+    zoom = next(z for z in range(window.finest_zoom(), -1, -1) if window.fits(z))
     shift = 2 * (CELL_ZOOM - zoom)
-    return merged([(tile << shift, ((tile + 1) << shift) - 1) for tile in tiles(centre, radius_m, zoom)])
+    return merged([(tile << shift, ((tile + 1) << shift) - 1) for tile in window.tiles(zoom)])
 
 
 def tiles(centre: LatLon, radius_m: float, zoom: int = TILE_ZOOM) -> tuple[int, ...]:
     """Ascending Morton codes of the tiles of `zoom` that a circle touches."""
-    columns, rows = _span(centre, radius_m, zoom)
-    return tuple(sorted({_morton(x % (1 << zoom), y) for x in columns for y in rows}))
+    return _window(centre, radius_m).tiles(zoom)
 
 
 def merged(ranges: Iterable[tuple[int, int]]) -> Ranges:
@@ -76,31 +78,50 @@ def merged(ranges: Iterable[tuple[int, int]]) -> Ranges:
     return tuple(joined)
 
 
-def _finest_zoom(centre: LatLon, radius_m: float) -> int:
-    """A zoom beyond which the circle is certainly wider than four tiles."""
-    half_width_deg = _half_width_deg(centre.latitude_deg, radius_m / LEAST_EARTH_RADIUS_M)
-    most_columns = _COVER_SIDE * 360.0 / (2 * max(half_width_deg, 1e-6))
-    return max(0, min(CELL_ZOOM, math.floor(math.log2(most_columns))))
+class _Window(NamedTuple):
+    """A circle's bounding box in parts of the mercator square: x from the antimeridian (unwrapped), y from the top.
+
+    Sides of tiles are powers of two, so that scaling to any zoom is exact.
+    """
+
+    west: float
+    east: float
+    top: float
+    bottom: float
+
+    def finest_zoom(self) -> int:
+        """A zoom beyond which the window is certainly wider than a cover."""
+        most_columns = _COVER_SIDE / max(self.east - self.west, 1e-9)
+        return max(0, min(CELL_ZOOM, math.floor(math.log2(most_columns))))
+
+    def fits(self, zoom: int) -> bool:
+        """Whether a cover of that zoom is small enough."""
+        return len(self._columns(zoom)) <= _COVER_SIDE and len(self._rows(zoom)) <= _COVER_SIDE
+
+    def tiles(self, zoom: int) -> tuple[int, ...]:
+        """Ascending Morton codes of the tiles that the window touches."""
+        xs = [_spread(x % (1 << zoom)) for x in self._columns(zoom)]
+        ys = [_spread(y) << 1 for y in self._rows(zoom)]
+        return tuple(sorted({x | y for x in xs for y in ys}))
+
+    def _columns(self, zoom: int) -> range:
+        west, east = math.floor(self.west * (1 << zoom)), math.floor(self.east * (1 << zoom))
+        return range(west, min(east, west + (1 << zoom) - 1) + 1)
+
+    def _rows(self, zoom: int) -> range:
+        return range(_row(self.top, zoom), _row(self.bottom, zoom) + 1)
 
 
-def _fits(centre: LatLon, radius_m: float, zoom: int) -> bool:
-    columns, rows = _span(centre, radius_m, zoom)
-    return len(columns) <= _COVER_SIDE and len(rows) <= _COVER_SIDE
-
-
-def _span(centre: LatLon, radius_m: float, zoom: int) -> tuple[range, range]:
-    """Columns (not yet wrapped) and rows of the tiles that a circle's bounding box touches."""
+def _window(centre: LatLon, radius_m: float) -> _Window:
     angle_rad = radius_m / LEAST_EARTH_RADIUS_M
     south_deg = centre.latitude_deg - math.degrees(angle_rad)
     north_deg = centre.latitude_deg + math.degrees(angle_rad)
-    _, top = _tile_xy(min(north_deg, 90.0), 0.0, zoom)
-    _, bottom = _tile_xy(max(south_deg, -90.0), 0.0, zoom)
+    top, bottom = _down(min(north_deg, 90.0)), _down(max(south_deg, -90.0))
     half_width_deg = _half_width_deg(centre.latitude_deg, angle_rad)
     if half_width_deg >= 180.0:
-        return range(1 << zoom), range(top, bottom + 1)
-    west = _column(centre.longitude_deg - half_width_deg, zoom)
-    east = _column(centre.longitude_deg + half_width_deg, zoom)
-    return range(west, min(east, west + (1 << zoom) - 1) + 1), range(top, bottom + 1)
+        return _Window(0.0, math.nextafter(1.0, 0.0), top, bottom)
+    longitude_deg = centre.longitude_deg
+    return _Window(_across(longitude_deg - half_width_deg), _across(longitude_deg + half_width_deg), top, bottom)
 
 
 def _half_width_deg(latitude_deg: float, angle_rad: float) -> float:
@@ -111,19 +132,17 @@ def _half_width_deg(latitude_deg: float, angle_rad: float) -> float:
     return math.degrees(math.asin(math.sin(angle_rad) / math.cos(latitude_rad)))
 
 
-def _tile_xy(latitude_deg: float, longitude_deg: float, zoom: int) -> tuple[int, int]:
+def _across(longitude_deg: float) -> float:
+    return (longitude_deg + 180.0) / 360.0
+
+
+def _down(latitude_deg: float) -> float:
     clamped_rad = math.radians(max(-MERCATOR_LATITUDE_DEG, min(MERCATOR_LATITUDE_DEG, latitude_deg)))
-    row = (1 - math.asinh(math.tan(clamped_rad)) / math.pi) / 2 * (1 << zoom)
-    last = (1 << zoom) - 1
-    return _column(longitude_deg, zoom) % (1 << zoom), max(0, min(last, math.floor(row)))
+    return (1 - math.asinh(math.tan(clamped_rad)) / math.pi) / 2
 
 
-def _column(longitude_deg: float, zoom: int) -> int:
-    return math.floor((longitude_deg + 180.0) / 360.0 * (1 << zoom))
-
-
-def _morton(x: int, y: int) -> int:
-    return _spread(x) | _spread(y) << 1
+def _row(down: float, zoom: int) -> int:
+    return max(0, min((1 << zoom) - 1, math.floor(down * (1 << zoom))))
 
 
 def _spread(value: int) -> int:

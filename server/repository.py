@@ -14,25 +14,21 @@ from sqlalchemy.sql.dml import Insert
 
 from contract.geometry import LatLon
 from contract.observation import State
-from server import rows, tables
+from server import candidates, rows, tables
+from server.candidates import Asked
 from server.identity import shard_of_id
-from server.obstacle import Obstacle, Witness
+from server.obstacle import Obstacle
 from server.plausibility import LastPlace
 from server.policy import Life
 from server.quadkey import Ranges, cover, shard_of_tile
 from server.statements import (
     answers_to,
-    evidence_about,
-    evidence_in,
     numbered,
-    obstacles_in,
-    obstacles_in_spans,
     padded,
     places_of,
-    range_values,
     tiles_for_update,
 )
-from server.working_set import Evidence, Tile, WorkingSet
+from server.working_set import Tile, WorkingSet
 
 ReportName = tuple[str, UUID]
 
@@ -66,41 +62,9 @@ class Repository:
             held = await self._held(wanted)
         return held
 
-    async def working_set(self, held: dict[int, Tile], ranges: Ranges, witnesses: Iterable[str]) -> WorkingSet:
-        """All obstacles in ranges of cells, removed ones too, with the evidence that decisions may need."""
-        if not ranges:
-            return WorkingSet(held, (), {}, self._life)
-        names = sorted(set(witnesses))
-        if self._connection.dialect.name == "sqlite":
-            found, evidence = await self._read_by_ranges(padded(ranges), padded(names))
-        else:
-            found, evidence = await self._read_by_arrays(ranges, names)
-        by_obstacle: dict[UUID, list[Witness]] = {}
-        for (identifier, _), witness in evidence.items():
-            by_obstacle.setdefault(identifier, []).append(witness)
-        obstacles = [rows.obstacle_of(row, by_obstacle.get(row["id"], ())) for row in found]
-        return WorkingSet(held, obstacles, evidence, self._life)
-
-    async def _read_by_ranges(self, ranges: Ranges, names: Sequence[str]) -> tuple[Sequence[RowMapping], Evidence]:
-        here = range_values(ranges)
-        found = (await self._connection.execute(obstacles_in(len(ranges)), here)).mappings().all()
-        if not found:
-            return found, {}
-        query, values = evidence_in(len(ranges), len(names)), here | numbered("name", names)
-        return found, _evidence((await self._connection.execute(query, values)).mappings())
-
-    async def _read_by_arrays(self, ranges: Ranges, names: Sequence[str]) -> tuple[Sequence[RowMapping], Evidence]:
-        spans = {"lows": [low for low, _ in ranges], "highs": [high for _, high in ranges]}
-        found = (await self._connection.execute(obstacles_in_spans(), spans)).mappings().all()
-        if not found:
-            return found, {}
-        about = {
-            "shards": [row["shard"] for row in found],
-            "ids": [row["id"] for row in found],
-            "sinces": [row["absent_since"] for row in found],
-            "names": names,
-        }
-        return found, _evidence((await self._connection.execute(evidence_about(), about)).mappings())
+    async def working_set(self, held: dict[int, Tile], asked: Sequence[Asked]) -> WorkingSet:
+        """All obstacles that reports could concern, removed ones too, with the evidence that decisions may need."""
+        return WorkingSet(held, *await candidates.read(self._connection, asked), self._life)
 
     async def near(self, centre: LatLon, radius_m: float, now: datetime) -> tuple[Obstacle, ...]:
         """Live obstacles in the cells of a circle (a little more than the circle) that have not expired."""
@@ -160,10 +124,6 @@ class Repository:
         if self._connection.dialect.name == "sqlite":
             return sqlite.insert(table).on_conflict_do_nothing()
         return postgresql.insert(table).on_conflict_do_nothing()
-
-
-def _evidence(found: Iterable[RowMapping]) -> Evidence:
-    return {(row["obstacle_id"], row["name"]): rows.witness_of(row) for row in found}
 
 
 def _in_cells(ranges: Ranges) -> ColumnElement[bool]:

@@ -15,9 +15,11 @@ from sqlalchemy import (
     BigInteger,
     ColumnClause,
     ColumnElement,
+    Double,
     Select,
     SmallInteger,
     String,
+    TableValuedAlias,
     Uuid,
     and_,
     bindparam,
@@ -34,8 +36,8 @@ from server.quadkey import Ranges
 
 T = TypeVar("T")
 # The rest is made from these: the served text alone is half of a row.
-_DECIDED = [column for column in tables.obstacle.c if column.name not in ("cell", "expires_at", "feature")]
-_BIG = ARRAY(BigInteger)
+_DECIDED = [column for column in tables.obstacle.c if column.name not in ("expires_at", "feature")]
+_VARIANCE = tables.obstacle.c.east_m2 + tables.obstacle.c.north_m2
 _NOTHING: ColumnClause[int] = literal_column("0")
 
 
@@ -49,59 +51,80 @@ def padded(values: Sequence[T]) -> tuple[T, ...]:
 
 @lru_cache
 def obstacles_in(spans: int) -> Select[Any]:
-    """Obstacles in that many ranges of cells (parameters of `range_values`), by id."""
-    return select(*_DECIDED).where(_in_cells(spans)).order_by(tables.obstacle.c.id)
+    """Obstacles in that many ranges of cells (parameters of `range_values`)."""
+    return select(*_DECIDED).where(_in_cells(spans))
 
 
 @lru_cache
-def evidence_in(spans: int, names: int) -> Select[Any]:
-    """Evidence about the obstacles in ranges: of the named witnesses, and all since the first open absence."""
-    obstacle, witness = tables.obstacle, tables.witness
-    named = witness.c.name.in_([bindparam(f"name{number}") for number in range(names)])
-    return (
-        select(witness)
-        .join(obstacle, and_(obstacle.c.shard == witness.c.shard, obstacle.c.id == witness.c.obstacle_id))
-        .where(_in_cells(spans), or_(named, witness.c.latest_at >= obstacle.c.absent_since))
-    )
+def obstacles_afar(spans: int, ids: int) -> Select[Any]:
+    """Of the obstacles in that many ranges those with variances above `limit_m2`, and those named (`id0`...)."""
+    named = tables.obstacle.c.id.in_([bindparam(f"id{number}", type_=Uuid) for number in range(ids)])
+    return select(*_DECIDED).where(_in_cells(spans), or_(bindparam("limit_m2") < _VARIANCE, named))
 
 
 @cache
-def obstacles_in_spans() -> Select[Any]:
-    """For PostgreSQL: obstacles in ranges of cells (arrays `lows` and `highs`), by id.
+def obstacles_reached() -> Select[Any]:
+    """For PostgreSQL: obstacles in ranges of cells (arrays `lows`, `highs`), of each those with variances above
+    its limit (array `limits_m2`) and those named (array `ids`).
 
     One descent of the index for each range: PostgreSQL plans and checks hundreds of ranges joined by OR in tens of
     milliseconds. Without the OFFSET it would choose another plan.
     """
-    lows, highs = bindparam("lows", type_=_BIG), bindparam("highs", type_=_BIG)
-    spans = func.unnest(lows, highs).table_valued("low", "high").render_derived()
-    here = tables.obstacle.c.cell.between(spans.c.low, spans.c.high)
-    inside = select(*_DECIDED).where(here).offset(_NOTHING).lateral()
-    return select(inside).select_from(spans.join(inside, true())).order_by(inside.c.id)
+    table = tables.obstacle
+    spans = _unnested(("lows", BigInteger), ("highs", BigInteger), ("limits_m2", Double))
+    named = table.c.id == func.any(bindparam("ids", type_=ARRAY(Uuid)))
+    wanted = and_(table.c.cell.between(spans.c.lows, spans.c.highs), or_(spans.c.limits_m2 < _VARIANCE, named))
+    inside = select(*_DECIDED).where(wanted).offset(_NOTHING).lateral()
+    return select(inside).select_from(spans.join(inside, true()))
+
+
+@lru_cache
+def evidence_of(pairs: int) -> Select[Any]:
+    """Evidence by that many primary keys (`shard0`, `id0`, `name0`...)."""
+    table = tables.witness
+    wanted = [
+        tuple_(bindparam(f"shard{n}"), bindparam(f"id{n}", type_=Uuid), bindparam(f"name{n}")) for n in range(pairs)
+    ]
+    return select(table).where(tuple_(table.c.shard, table.c.obstacle_id, table.c.name).in_(wanted))
+
+
+@lru_cache
+def evidence_since(obstacles: int) -> Select[Any]:
+    """All evidence about that many obstacles (`shard0`, `id0`...) of the time from `since0`... on."""
+    table = tables.witness
+    return select(table).where(
+        or_(
+            *(
+                and_(
+                    table.c.shard == bindparam(f"shard{n}"),
+                    table.c.obstacle_id == bindparam(f"id{n}", type_=Uuid),
+                    table.c.latest_at >= bindparam(f"since{n}", type_=tables.UtcMicroseconds),
+                )
+                for n in range(obstacles)
+            )
+        )
+    )
 
 
 @cache
-def evidence_about() -> Select[Any]:
-    """For PostgreSQL: evidence about obstacles (arrays `shards`, `ids`, `sinces`), of the witnesses in the array
-    `names`, and all since the first open absence.
-    """
-    about = (
-        func.unnest(
-            bindparam("shards", type_=ARRAY(SmallInteger)),
-            bindparam("ids", type_=ARRAY(Uuid)),
-            bindparam("sinces", type_=ARRAY(tables.UtcMicroseconds)),
-        )
-        .table_valued("shard", "id", "since")
-        .render_derived()
+def evidence_of_arrays() -> Select[Any]:
+    """For PostgreSQL: evidence by primary keys (arrays `shards`, `ids`, `names`)."""
+    about = _unnested(("shards", SmallInteger), ("ids", Uuid), ("names", String))
+    table = tables.witness
+    here = and_(table.c.shard == about.c.shards, table.c.obstacle_id == about.c.ids, table.c.name == about.c.names)
+    inside = select(table).where(here).offset(_NOTHING).lateral()
+    return select(inside).select_from(about.join(inside, true()))
+
+
+@cache
+def evidence_since_arrays() -> Select[Any]:
+    """For PostgreSQL: all evidence about obstacles (arrays `shards`, `ids`) of the time from `sinces` on."""
+    about = _unnested(("shards", SmallInteger), ("ids", Uuid), ("sinces", tables.UtcMicroseconds))
+    table = tables.witness
+    here = and_(
+        table.c.shard == about.c.shards, table.c.obstacle_id == about.c.ids, table.c.latest_at >= about.c.sinces
     )
-    witness = tables.witness
-    named = witness.c.name == func.any(bindparam("names", type_=ARRAY(String)))
-    inside = (
-        select(witness)
-        .where(witness.c.shard == about.c.shard, witness.c.obstacle_id == about.c.id)
-        .where(or_(named, witness.c.latest_at >= about.c.since))
-        .offset(_NOTHING)
-        .lateral()
-    )
+    inside = select(table).where(here).offset(_NOTHING).lateral()
     return select(inside).select_from(about.join(inside, true()))
 
 
@@ -159,6 +182,12 @@ def numbered(name: str, values: Sequence[Any]) -> dict[str, Any]:
 def _in_cells(spans: int) -> ColumnElement[bool]:
     cell = tables.obstacle.c.cell
     return or_(*(cell.between(bindparam(f"low{number}"), bindparam(f"high{number}")) for number in range(spans)))
+
+
+def _unnested(*arrays: tuple[str, Any]) -> TableValuedAlias:
+    """Rows of arrays of the same length, given as parameters of their names and the types of their members."""
+    values = [bindparam(name, type_=ARRAY(member)) for name, member in arrays]
+    return func.unnest(*values).table_valued(*(name for name, _ in arrays)).render_derived()
 
 
 def _are_tiles(tiles: int) -> ColumnElement[bool]:

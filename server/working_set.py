@@ -6,7 +6,6 @@ each had its own transaction, and what a later report changes again is written o
 
 from __future__ import annotations
 
-from bisect import bisect_left, bisect_right, insort
 from collections.abc import Iterable
 from dataclasses import dataclass
 from datetime import datetime
@@ -14,10 +13,12 @@ from typing import Literal
 from uuid import UUID
 
 from contract.obstacle import InspectionState
+from server.cell_index import CellIndex
 from server.features import ObstacleEvent, event_of
 from server.obstacle import Obstacle, Witness
 from server.policy import Life
-from server.quadkey import Ranges, cell_of, tile_of_cell
+from server.quadkey import cell_of, tile_of_cell
+from server.reach import Reach
 
 Evidence = dict[tuple[UUID, str], Witness]
 Outcome = Literal["shared", "refuted"]
@@ -68,11 +69,8 @@ class WorkingSet:
         self.tiles = tiles
         self.stored_evidence = frozenset(evidence)
         self._current: dict[UUID, Obstacle] = {}
-        self._places: list[tuple[int, UUID]] = []
-        for obstacle in obstacles:
-            self._current[obstacle.id] = obstacle
-            self._places.append((cell_of(obstacle.place.position), obstacle.id))
-        self._places.sort()
+        self._current.update((obstacle.id, obstacle) for obstacle in obstacles)
+        self._index = CellIndex((cell_of(item.place.position), item.id) for item in self._current.values())
         self._read = frozenset(self._current)
         self._touched: dict[UUID, None] = {}
         self.evidence: Evidence = {}
@@ -92,13 +90,14 @@ class WorkingSet:
         """Obstacles to update, with a new text in `features` when a served field changed."""
         return [self._current[identifier] for identifier in self._touched if identifier in self._read]
 
-    def nearby(self, ranges: Ranges) -> tuple[Obstacle, ...]:
-        """All obstacles in ranges of cells, removed ones too, by id."""
-        inside = []
-        for low, high in ranges:
-            first = bisect_left(self._places, low, key=_cell)
-            last = bisect_right(self._places, high, key=_cell)
-            inside += [identifier for _, identifier in self._places[first:last]]
+    def nearby(self, reach: Reach) -> tuple[Obstacle, ...]:
+        """All obstacles that a report of that reach could concern, removed ones too, by id."""
+        inside = set(self._index.within(reach.near))
+        inside.update(
+            identifier
+            for identifier in self._index.within(reach.far)
+            if reach.takes_from_afar(identifier, self._current[identifier].place.covariance)
+        )
         return tuple(self._current[identifier] for identifier in sorted(inside))
 
     def put(self, after: Obstacle, by: str, at: datetime) -> ObstacleEvent | None:
@@ -130,8 +129,8 @@ class WorkingSet:
         if before is not None:
             if before.place.position == after.place.position:
                 return
-            self._places.remove((cell_of(before.place.position), before.id))
-        insort(self._places, (cell_of(after.place.position), after.id))
+            self._index.remove((cell_of(before.place.position), before.id))
+        self._index.add((cell_of(after.place.position), after.id))
 
     def _announced(self, before: Obstacle | None, after: Obstacle, at: datetime) -> ObstacleEvent:
         """The event, in the log of the obstacle's tile, and in that of the tile that it has left."""
@@ -152,7 +151,3 @@ def _outcome(before: Obstacle, after: Obstacle) -> Outcome | None:
         return "shared"
     denied = after.removed_reason == "absent" or after.inspection_state is InspectionState.NOT_AN_ISSUE
     return "refuted" if before.is_live and not after.is_live and denied else None
-
-
-def _cell(place: tuple[int, UUID]) -> int:
-    return place[0]
