@@ -48,7 +48,7 @@ class NotAcceptableError(ServiceError):
 
 
 class UnsupportedMediaTypeError(ServiceError):
-    """The body is not JSON."""
+    """The body is not JSON, or compressed."""
 
 
 class UnauthenticatedError(ServiceError):
@@ -105,7 +105,12 @@ _PROBLEMS: dict[type[ServiceError], _Problem] = {
     ObstacleRemovedError: _Problem("obstacle-removed", HTTPStatus.CONFLICT, {}),
     RevisionMismatchError: _Problem("revision-mismatch", HTTPStatus.PRECONDITION_FAILED, {}),
     NotAcceptableError: _Problem("not-acceptable", HTTPStatus.NOT_ACCEPTABLE, {}),
-    UnsupportedMediaTypeError: _Problem("unsupported-media-type", HTTPStatus.UNSUPPORTED_MEDIA_TYPE, {}),
+    UnsupportedMediaTypeError: _Problem(
+        "unsupported-media-type",
+        HTTPStatus.UNSUPPORTED_MEDIA_TYPE,
+        # What would be taken: RFC 9110, 15.5.16.
+        {"Accept": "application/json", "Accept-Encoding": "identity"},
+    ),
     UnauthenticatedError: _Problem("unauthenticated", HTTPStatus.UNAUTHORIZED, {"WWW-Authenticate": "Bearer"}),
     ForbiddenError: _Problem("forbidden", HTTPStatus.FORBIDDEN, {}),
     BodyTooLargeError: _Problem("body-too-large", HTTPStatus.REQUEST_ENTITY_TOO_LARGE, {}),

@@ -41,9 +41,10 @@ async def answered(chunks: list[bytes], header: bytes = b"transfer-encoding", th
     async def send(message: Message) -> None:
         sent.append(message)
 
-    scope: dict[str, Any] = {"type": "http", "headers": [(header, b"x")] if header else []}
+    value = b"%d" % sum(map(len, chunks)) if header == b"content-length" else b"chunked"
+    scope: dict[str, Any] = {"type": "http", "headers": [(header, value)] if header else []}
     await BodyLimit(echo, LIMIT_BYTES)(scope, receive, send)
-    status, body = sent[0]["status"], sent[1]["body"]
+    status, body = sent[0]["status"], b"".join(message["body"] for message in sent[1:])
     return status, None if status == 200 else json.loads(body)["type"].rpartition(":")[2], body
 
 
