@@ -1,0 +1,80 @@
+"""What a report can concern: all that its decisions need, and within what it locks."""
+
+from __future__ import annotations
+
+import math
+
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from server import rules
+from server.cell_index import CellIndex
+from server.geodesy import distance_m, offset_from
+from server.obstacle import Obstacle
+from server.policy import COOPERATION
+from server.quadkey import cell_of, tile_of_cell
+from server.reach import Reach, reach_of
+from tests.unit.server.making import HOUR, NOON, PATRAS, Road, absent, detection, message
+
+offsets_m = st.tuples(st.floats(-110, 110), st.floats(-50, 50)).filter(lambda offset: math.hypot(*offset) < 120)
+pose_sds_m = st.sampled_from((0.1, 0.8, 3.0, 8.0, 20.0))
+
+
+def _concerned(reach: Reach, obstacles: list[Obstacle]) -> tuple[Obstacle, ...]:
+    index = CellIndex((cell_of(item.place.position), item.id) for item in obstacles)
+    around = set(index.within(reach.far))
+    return tuple(
+        item
+        for item in obstacles
+        if item.id in around
+        and reach.concerns(item.id, item.place.position, item.place.covariance.east_m2 + item.place.covariance.north_m2)
+    )
+
+
+@given(
+    st.lists(st.tuples(offsets_m, pose_sds_m), min_size=1, max_size=12),
+    st.lists(offsets_m, min_size=1, max_size=3),
+    pose_sds_m,
+    st.booleans(),
+)
+@settings(deadline=None)
+def test_a_decision_needs_nothing_beyond_the_reach(
+    stored: list[tuple[tuple[float, float], float]],
+    seen: list[tuple[float, float]],
+    pose_sd_m: float,
+    inspects: bool,
+) -> None:
+    road = Road()
+    for number, (hole, sd_m) in enumerate(stored):
+        road.sees(f"ego{number}", NOON, detection(*hole), pose_sd_m=sd_m)
+    obstacles = sorted(road.obstacles.values(), key=lambda item: item.id)
+    inspections = (absent(obstacles[0].id),) if inspects else ()
+    sent = message(
+        *(detection(*hole) for hole in seen),
+        inspections=inspections,
+        vehicle="ego",
+        at=NOON + HOUR,
+        pose_sd_m=pose_sd_m,
+    )
+    report = rules.Report(sent, sent.observed_at, "key", "ego")
+    narrowed = rules.decide(report, _concerned(reach_of(sent, COOPERATION), obstacles), sent.observed_at, COOPERATION)
+    assert narrowed == rules.decide(report, tuple(obstacles), sent.observed_at, COOPERATION)
+
+
+@given(st.lists(offsets_m, max_size=3), pose_sds_m, st.floats(0, 2 * math.pi), st.floats(0, 1))
+def test_whatever_lies_near_has_its_tile_locked_and_its_cell_among_the_far(
+    seen: list[tuple[float, float]], pose_sd_m: float, azimuth_rad: float, part: float
+) -> None:
+    reach = reach_of(
+        message(*(detection(*hole) for hole in seen), vehicle="ego", at=NOON, pose_sd_m=pose_sd_m), COOPERATION
+    )
+    assert (reach.near is None) is (not seen)
+    if reach.near is None:
+        return
+    radius_m = part * reach.near.radius_m
+    there = offset_from(reach.near.centre, radius_m * math.sin(azimuth_rad), radius_m * math.cos(azimuth_rad))
+    assert distance_m(there, PATRAS) < 300
+    cell = cell_of(there)
+    assert tile_of_cell(cell) in reach.tiles
+    assert any(low <= cell <= high for low, high in reach.far)
+    assert any(low <= cell <= high for low, high in reach.near_cells)
