@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import math
+import re
 from datetime import UTC, datetime
 from enum import StrEnum
 from typing import Annotated
 
-from pydantic import AfterValidator, AwareDatetime, BaseModel, ConfigDict, Field
+from pydantic import AfterValidator, AwareDatetime, BaseModel, BeforeValidator, ConfigDict, Field
 
 
 class Message(BaseModel):
@@ -23,8 +24,18 @@ def _to_utc(value: datetime) -> datetime:
         raise ValueError("the time lies outside the years 1 to 9999 in UTC") from None
 
 
-UtcDatetime = Annotated[AwareDatetime, AfterValidator(_to_utc)]
-"""A moment with its offset; naive times are refused, others are converted to UTC."""
+def _is_rfc_3339(value: object) -> object:
+    # Numbers, also in quotes, would be taken for seconds or milliseconds since 1970, whichever is likelier.
+    if isinstance(value, int | float) or (isinstance(value, str) and not _RFC_3339.fullmatch(value)):
+        raise ValueError("write an RFC 3339 moment with its offset, as 2026-06-01T12:00:00Z (a + is %2B in a query)")
+    return value
+
+
+_RFC_3339 = re.compile(
+    r"[0-9]{4}-[0-9]{2}-[0-9]{2}[Tt][0-9]{2}:[0-9]{2}:[0-9]{2}(\.[0-9]{1,9})?([Zz]|[-+][0-9]{2}:[0-9]{2})"
+)
+UtcDatetime = Annotated[AwareDatetime, BeforeValidator(_is_rfc_3339), AfterValidator(_to_utc)]
+"""A moment with its offset, as RFC 3339 on the wire; whatever else is refused, other offsets are converted to UTC."""
 
 
 class Sign(StrEnum):

@@ -26,7 +26,8 @@ class Descriptor(Message):
 
     name: Name
     version: Annotated[int, Field(ge=1, le=1_000)]
-    values: Annotated[dict[Name, float], Field(max_length=64)]
+    # Without it the schema would let any other name through.
+    values: Annotated[dict[Name, float], Field(max_length=64, json_schema_extra={"additionalProperties": False})]
 
 
 class View(Message):

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from dataclasses import dataclass
 from typing import Annotated, Any
 
 from fastapi import Depends, Request
+from fastapi.exceptions import RequestValidationError
 from fastapi.security import HTTPBearer
 from pydantic import BaseModel, ConfigDict
 
@@ -19,6 +21,9 @@ from server.policy import Life
 from server.service import Service
 from server.stream import Hub
 from server.upkeep import Upkeep
+
+# Parameters whose values add up.
+_LISTS = frozenset({"kind", "state"})
 
 
 class Problem(BaseModel):
@@ -59,6 +64,16 @@ async def _operator(caller: Annotated[Caller, Depends(_caller)]) -> Caller:
     if caller.role is not Role.OPERATOR:
         raise ForbiddenError(f"a key of role {caller.role} may not do this: use one of role operator")
     return caller
+
+
+def once_each(request: Request) -> None:
+    """Refuse a parameter that is given more than once: which one counts, the caller could not know."""
+    counted = Counter(name for name, _ in request.query_params.multi_items())
+    repeated = [name for name, number in counted.items() if number > 1 and name not in _LISTS]
+    if repeated:
+        raise RequestValidationError(
+            [{"type": "repeated", "loc": ("query", name), "msg": "give it once"} for name in repeated]
+        )
 
 
 def must_be_json(request: Request) -> None:

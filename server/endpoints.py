@@ -6,13 +6,13 @@ from fastapi import APIRouter, Depends, WebSocket
 
 from contract.observation import ObservationBatch, ObservationBatchResult
 from server import operation_endpoints, operator_endpoints, reader_endpoints
-from server.dependencies import REFUSALS, CallerNow, Parts, PartsNow, bearer, must_be_json, refusals
+from server.dependencies import REFUSALS, CallerNow, Parts, PartsNow, bearer, must_be_json, once_each, refusals
 from server.events_socket import serve_events
 from server.ogc import endpoints as ogc_endpoints
 
 __all__ = ["ROUTERS", "Parts"]
 
-vehicles = APIRouter(prefix="/v1", responses=REFUSALS, dependencies=[Depends(bearer)])
+vehicles = APIRouter(prefix="/v1", responses=REFUSALS, dependencies=[Depends(bearer), Depends(once_each)])
 push = APIRouter(prefix="/v1")
 
 

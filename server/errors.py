@@ -168,12 +168,30 @@ def complaints(error: RequestValidationError) -> list[dict[str, str]]:
 
     Neither the input nor the exception's context: they may be huge, not a number, or secret.
     """
-    # Of an optional parameter it is also complained that it is not missing.
-    found = [item for item in error.errors() if item["type"] != "none_required"][:20]
-    return [{"where": _place(item["loc"]), "what": str(item["msg"])[:500]} for item in found]
+    errors = error.errors()
+    places = {item["loc"] for item in errors}
+    found = [item for item in errors if not _is_an_echo(item, places)][:20]
+    return [{"where": _place(item), "what": _what(item)[:500]} for item in found]
 
 
-def _place(location: Sequence[int | str]) -> str:
+def _is_an_echo(item: Mapping[str, Any], places: set[tuple[int | str, ...]]) -> bool:
+    """Whether a complaint only follows from how another was found."""
+    # Of an optional parameter it is also complained that it is not missing, of a list that it lacks its faulty items.
+    if item["type"] == "too_short":
+        return any(len(place) > len(item["loc"]) and place[: len(item["loc"])] == item["loc"] for place in places)
+    return bool(item["type"] == "none_required")
+
+
+def _what(item: Mapping[str, Any]) -> str:
+    if item["type"] == "json_invalid":
+        return f"no JSON from character {item['loc'][-1]} on: {item['ctx']['error']}"
+    if item["type"] == "too_short":
+        return f"give at least {item['ctx']['min_length']}"
+    return str(item["msg"]).removeprefix("Value error, ")
+
+
+def _place(item: Mapping[str, Any]) -> str:
+    location: Sequence[int | str] = item["loc"][:1] if item["type"] == "json_invalid" else item["loc"]
     # Alternatives of a type are named as `constrained-float`: no part of the path that the caller wrote.
     return ".".join(str(part) for part in location if not str(part).startswith(("constrained-", "function-")))[:200]
 
@@ -193,7 +211,10 @@ def install(app: FastAPI) -> None:
     async def http_error(_request: Request, error: Exception) -> Response:
         assert isinstance(error, HTTPException)  # noqa: S101  # registered for that type below
         status = HTTPStatus(error.status_code)
-        return problem(status.phrase.lower().replace(" ", "-"), status, status.description, error.headers)
+        # Raised by the framework for what is no text, or is nested without end.
+        is_body = status is HTTPStatus.BAD_REQUEST
+        detail = "the body cannot be read: send JSON in UTF-8" if is_body else status.description
+        return problem(status.phrase.lower().replace(" ", "-"), status, detail, error.headers)
 
     app.add_exception_handler(ServiceError, service_error)
     app.add_exception_handler(RequestValidationError, invalid)

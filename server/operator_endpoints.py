@@ -14,7 +14,7 @@ from contract.history import ActionLog, OperatorAction
 from contract.obstacle import ObstacleFeature
 from server import audit, representation
 from server.cursors import cursor_of, position_of
-from server.dependencies import REFUSALS, OperatorNow, PartsNow, bearer, must_be_json, refusals
+from server.dependencies import REFUSALS, OperatorNow, PartsNow, bearer, must_be_json, once_each, refusals
 from server.formats.names import FormatName
 from server.formats.registry import FORMATS
 from server.query import Missing, Parameters
@@ -27,7 +27,7 @@ operators = APIRouter(
     prefix="/v1",
     tags=["operators"],
     responses=REFUSALS | refusals(s403="the key's role is not operator"),
-    dependencies=[Depends(bearer)],
+    dependencies=[Depends(bearer), Depends(once_each)],
 )
 _ON_AN_OBSTACLE = refusals(
     s404="no obstacle ever had this id", s412="the obstacle has changed since (`If-Match`): read it again"

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import re
 from dataclasses import dataclass
 from datetime import datetime
 from typing import Annotated
@@ -49,17 +48,6 @@ def _is_bounds(text: str) -> str:
     return text
 
 
-def _is_rfc_3339(value: object) -> object:
-    # Numbers would be taken for seconds since 1970; and `+` in a query that was not encoded is a space.
-    if isinstance(value, str) and not _RFC_3339.fullmatch(value):
-        raise ValueError("write an RFC 3339 moment with its offset, as 2026-06-01T12:00:00Z (a + is %2B in a query)")
-    return value
-
-
-_RFC_3339 = re.compile(
-    r"[0-9]{4}-[0-9]{2}-[0-9]{2}[Tt][0-9]{2}:[0-9]{2}:[0-9]{2}(\.[0-9]{1,9})?([Zz]|[-+][0-9]{2}:[0-9]{2})"
-)
-Rfc3339 = Annotated[UtcDatetime, BeforeValidator(_is_rfc_3339)]
 _BBOX = Field(
     description="west,south,east,north in degrees; west > east runs across the antimeridian",
     json_schema_extra={"pattern": PATTERN},
@@ -92,7 +80,7 @@ class ObstacleQuery(Parameters):
     kind: KindList = ()
     state: StateList = ()
     min_confidence: Annotated[float, Field(ge=0, le=1, description="of the confidence as decayed to now")] = 0.0
-    seen_since: Annotated[Rfc3339, Field(description="last seen at or after this RFC 3339 moment")] | Missing = None
+    seen_since: Annotated[UtcDatetime, Field(description="last seen at or after this RFC 3339 moment")] | Missing = None
     heading_deg: (
         Annotated[float, Field(ge=0, le=360, description="clockwise from north: only what lies ahead of lat, lon")]
         | Missing

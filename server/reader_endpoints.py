@@ -15,7 +15,7 @@ from contract.obstacle import ObstacleCollection, ObstacleFeature, ObstaclePoint
 from server import collection, history, representation
 from server.around import Circle, Key
 from server.cursors import cursor_of, position_of
-from server.dependencies import REFUSALS, CallerNow, Parts, PartsNow, bearer, refusals
+from server.dependencies import REFUSALS, CallerNow, Parts, PartsNow, bearer, once_each, refusals
 from server.errors import ObstacleNotFoundError, VersionNotFoundError
 from server.features import feature_of
 from server.formats.names import FormatName
@@ -46,7 +46,9 @@ _FORMATTED: dict[int | str, dict[str, Any]] = {
     304: representation.UNCHANGED,
     **refusals(s406="none of the formats is accepted"),
 }
-readers = APIRouter(prefix="/v1", tags=["obstacles"], responses=REFUSALS, dependencies=[Depends(bearer)])
+readers = APIRouter(
+    prefix="/v1", tags=["obstacles"], responses=REFUSALS, dependencies=[Depends(bearer), Depends(once_each)]
+)
 
 
 class FormatQuery(Parameters):

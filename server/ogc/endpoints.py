@@ -13,7 +13,7 @@ from fastapi.exceptions import RequestValidationError
 from fastapi.routing import APIRoute
 
 from server import collection, representation
-from server.dependencies import CallerNow, PartsNow, bearer, refusals
+from server.dependencies import CallerNow, PartsNow, bearer, once_each, refusals
 from server.errors import InvalidParameterError, ObstacleNotFoundError, complaints
 from server.features import feature_of
 from server.formats.registry import GEOJSON
@@ -50,7 +50,7 @@ ogc = APIRouter(
     prefix="/ogc",
     tags=["OGC API - Features"],
     route_class=_OgcRoute,
-    dependencies=[Depends(bearer)],
+    dependencies=[Depends(bearer), Depends(once_each)],
     responses=refusals(
         s400="a parameter is unknown or does not fit",
         s4XX="another refusal",

@@ -9,10 +9,11 @@ from uuid import UUID
 
 from pydantic import AfterValidator, Field, TypeAdapter, ValidationError, model_validator
 
+from contract.geometry import UtcDatetime
 from server.around import Key
 from server.bounds import PATTERN_WITH_HEIGHTS, Bounds
 from server.cursors import cursor_of, position_of
-from server.query import Filters, KindList, Missing, Parameters, Rfc3339, StateList
+from server.query import Filters, KindList, Missing, Parameters, StateList
 
 # What the standard's text says in words (7.15.4); that a day exists in its month, a pattern cannot say.
 _MOMENT = (
@@ -22,7 +23,7 @@ _MOMENT = (
 _INTERVAL_PATTERN = rf"^({_MOMENT}|({_MOMENT}|\.\.|)/({_MOMENT}|\.\.|))$"
 WHOLE_EARTH = Bounds(-180.0, -90.0, 180.0, 90.0)
 MAX_LIMIT = 10_000
-_moment = TypeAdapter(Rfc3339)
+_moment = TypeAdapter(UtcDatetime)
 
 
 @dataclass(frozen=True, slots=True)

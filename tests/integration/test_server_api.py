@@ -247,6 +247,51 @@ async def test_a_hostile_body_is_refused_as_a_problem(client: httpx.AsyncClient,
     assert answer.json()["status"] == answer.status_code
 
 
+WHAT_IS_SAID = {
+    b'{"sent_at": "2026-01-01T00:00:00Z", "reports": []}': {"body.reports": "give at least 1"},
+    b'{"sent_at": "2026-01-01T00:00:00Z", "reports": [5]}': {"body.reports.0": "Input should be a valid dictionary"},
+    b'{"sent_at": 1780315200, "reports": [5]}': {
+        "body.sent_at": "write an RFC 3339 moment with its offset",
+        "body.reports.0": "Input should be a valid dictionary",
+    },
+    b'{"sent_at": "1780315200"}': {"body.sent_at": "write an RFC 3339 moment", "body.reports": "Field required"},
+    b'{"a": 1} b': {"body": "no JSON from character 9 on: Extra data"},
+    b"": {"body": "Field required"},
+}
+
+
+@pytest.mark.parametrize("body", WHAT_IS_SAID)
+async def test_a_refused_body_is_told_what_is_wrong_and_nothing_else(client: httpx.AsyncClient, body: bytes) -> None:
+    answer = await client.post("/v1/observations", content=body, headers=JSON)
+    told = {item["where"]: item["what"] for item in answer.json()["errors"]}
+    assert answer.status_code == 422
+    assert told.keys() == WHAT_IS_SAID[body].keys()
+    assert all(told[where].startswith(what) for where, what in WHAT_IS_SAID[body].items())
+
+
+async def test_a_body_that_is_no_text_is_told_so(client: httpx.AsyncClient) -> None:
+    answer = await client.post("/v1/observations", content=b"\xff\xfe\x00", headers=JSON)
+    assert (answer.status_code, answer.json()["detail"]) == (400, "the body cannot be read: send JSON in UTF-8")
+
+
+@pytest.mark.parametrize(
+    ("query", "status"),
+    [
+        ("/v1/obstacles?lat=1&lat=2&lon=0", 422),
+        ("/v1/obstacles?bbox=0,0,1,1&limit=1&limit=1", 422),
+        ("/v1/obstacles?lat=0&lon=0&kind=bump&kind=debris&state=removed&state=candidate", 200),
+        (f"/v1/obstacles/{uuid4()}?f=denm&f=waze", 422),
+        ("/v1/actions?limit=1&limit=2", 422),
+        ("/ogc/collections/obstacles/items?limit=1&limit=2", 400),
+        ("/ogc/collections/obstacles/items?kind=bump&kind=debris", 200),
+    ],
+)
+async def test_what_cannot_add_up_is_given_once(client: httpx.AsyncClient, query: str, status: int) -> None:
+    answer = await client.get(query)
+    assert answer.status_code == status
+    assert ("give it once" in answer.text) is (status != 200)
+
+
 async def test_a_body_beyond_one_mebibyte_is_refused(client: httpx.AsyncClient) -> None:
     answer = await client.post("/v1/observations", content=b" " * (MAX_BODY_BYTES + 1), headers=JSON)
     assert (answer.status_code, answer.json()["type"]) == (413, "urn:headsup:problem:body-too-large")
