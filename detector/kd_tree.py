@@ -27,13 +27,29 @@ def sort_into_leaves(records: Float32Array, level: int, depth: int, start: int, 
     for below in range(level, depth):
         for node in range(start << (below - level), stop << (below - level)):
             low, high = (n * node) >> below, (n * (node + 1)) >> below
-            longest, axis = ZERO, 0
-            for k in range(3):
-                least, most = _extent(records[:, k], low, high)
-                if most - least > longest:
-                    longest, axis = most - least, k
-            if longest > ZERO:
+            axis = _longest_side(records[low:high])
+            if axis >= 0:
                 _split(records, axis, low, high, (n * (2 * node + 1)) >> (below + 1))
+
+
+@njit(cache=True, nogil=True, fastmath=True)
+def _longest_side(records: Float32Array) -> int:
+    """Axis along which records extend most, the first of equal ones; -1 where they are all in one place."""
+    x_least, y_least, z_least, _ = records[0]
+    x_most, y_most, z_most, _ = records[0]
+    for i in range(1, len(records)):
+        x, y, z = records[i, 0], records[i, 1], records[i, 2]
+        x_least, x_most = min(x_least, x), max(x_most, x)
+        y_least, y_most = min(y_least, y), max(y_most, y)
+        z_least, z_most = min(z_least, z), max(z_most, z)
+    longest, axis = ZERO, -1
+    if x_most - x_least > longest:
+        longest, axis = x_most - x_least, 0
+    if y_most - y_least > longest:
+        longest, axis = y_most - y_least, 1
+    if z_most - z_least > longest:
+        longest, axis = z_most - z_least, 2
+    return axis
 
 
 @njit(cache=True, nogil=True)

@@ -15,6 +15,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from detector.closest import TINY, WORD, choose, kth_distance, squared_distances
 from detector.kd_tree import ZERO, RowArray, node_boxes, sort_into_leaves
 from detector.threads import in_chunks
 from detector.types import DetectorError, Float32Array, FloatArray
@@ -25,12 +26,9 @@ LEAF_POINTS = 16
 TOP_LEVELS = 3
 # A leaf's search begins with the squared reach of the last one, which lies beside it, and half of it more.
 REACH_MARGIN = np.float32(1.5)
-# Where distances are equal no limit holds exactly k of them: the search ends here.
-MAX_STEPS = 40
 # Loops over candidates are compiled to 32 at a time: they end on points so far off that they are nobody's neighbours.
 LANES = 32
 FAR = np.float32(1e18)
-TINY = np.float32(1e-14)
 
 
 @dataclass(frozen=True, slots=True)
@@ -97,7 +95,7 @@ def _search(xyz: Float32Array, boxes: Float32Array, depth: int, start: int, stop
     """Fills the rows of `nearest` of the leaves [start, stop)."""
     n, count = nearest.shape
     ranges = np.empty((1 << depth, 2), np.int64)
-    near, distances, rows, chosen = _room(0)
+    near, distances, rows, flags, chosen = _room(0)
     radii = np.empty((n >> depth) + 1, np.float32)
     reach = np.float32(np.inf)
     for leaf in range(start, stop):
@@ -108,13 +106,15 @@ def _search(xyz: Float32Array, boxes: Float32Array, depth: int, start: int, stop
         while True:
             found, total = _leaves_within(boxes, depth, n, leaf, reach, count, ranges)
             if total + LANES > rows.size:
-                near, distances, rows, chosen = _room(2 * total + LANES)
+                near, distances, rows, flags, chosen = _room((2 * total + LANES) // WORD * WORD)
             total = _gather(xyz, ranges, found, boxes[(1 << depth) + leaf], reach, near, distances, rows)
             if total < count:
                 reach = enough
                 continue
             padded = (total + LANES - 1) // LANES * LANES
-            _nearest_of_leaf(xyz, low, high, near, rows, padded, reach, settled, distances, chosen, radii, nearest)
+            _nearest_of_leaf(
+                xyz, low, high, near, rows, padded, reach, settled, distances, flags, chosen, radii, nearest
+            )
             farthest = radii[: high - low].max()
             if farthest <= reach:
                 break
@@ -134,6 +134,7 @@ def _nearest_of_leaf(
     reach: np.float32,
     settled: np.float32,
     distances: Float32Array,
+    flags: NDArray[np.uint8],
     chosen: RowArray,
     radii: Float32Array,
     nearest: RowArray,
@@ -143,9 +144,11 @@ def _nearest_of_leaf(
     guess = np.float32(0.5) * reach
     for row in range(low, high):
         if radii[row - low] > settled:
-            _squared_distances(near, total, xyz[0, row], xyz[1, row], xyz[2, row], distances)
-            below, guess = _kth_distance(distances, total, count, guess)
-            _choose(distances, total, below, guess, count, rows, chosen)
+            guess = max(guess, TINY)
+            x, y, z = xyz[0, row], xyz[1, row], xyz[2, row]
+            within = squared_distances(near, total, x, y, z, distances, guess)
+            below, guess = kth_distance(distances, total, count, guess, within)
+            choose(distances, total, below, guess, count, rows, flags, chosen)
             for k in range(count):
                 nearest[row, k] = chosen[k]
             radii[row - low] = guess
@@ -165,11 +168,12 @@ def _reach_of_enough(boxes: Float32Array, depth: int, n: int, leaf: int, count: 
 
 
 @njit(cache=True, nogil=True)
-def _room(size: int) -> tuple[Float32Array, Float32Array, RowArray, RowArray]:
+def _room(size: int) -> tuple[Float32Array, Float32Array, RowArray, NDArray[np.uint8], RowArray]:
     return (
         np.empty((3, size), np.float32),
         np.empty(size, np.float32),
         np.empty(size, np.int32),
+        np.empty(size, np.uint8),
         np.empty(size, np.int32),
     )
 
@@ -257,80 +261,3 @@ def _squared_gaps(xyz: Float32Array, low: int, high: int, box: Float32Array, gap
             gap = max(max(box[k] - x, x - box[3 + k]), ZERO)
             square += gap * gap
         gaps[i] = square
-
-
-@njit(cache=True, nogil=True, fastmath=True)
-def _squared_distances(
-    near: Float32Array, total: int, x: np.float32, y: np.float32, z: np.float32, distances: Float32Array
-) -> None:
-    for i in range(total):
-        a, b, c = near[0, i] - x, near[1, i] - y, near[2, i] - z
-        distances[i] = a * a + b * b + c * c
-
-
-@njit(cache=True, nogil=True, fastmath=True)
-def _count_within(distances: Float32Array, total: int, limit: np.float32) -> int:
-    # Counted in float32, exact to 2^24: eight at a time.
-    within = ZERO
-    for i in range(total):
-        within += np.float32(1.0) if distances[i] <= limit else ZERO
-    return int(within)
-
-
-@njit(cache=True, nogil=True)
-def _kth_distance(distances: Float32Array, total: int, count: int, guess: np.float32) -> tuple[np.float32, np.float32]:
-    """The k-th distance between two limits: fewer than `count` distances are within the first, `count` in the second.
-
-    More are within the second only where they are equal. Regula falsi on counts: on a surface the number of points
-    within a squared distance grows in proportion to it.
-    """
-    low, least = np.float32(-1.0), 0
-    high = max(guess, TINY)
-    most = _count_within(distances, total, high)
-    while most < count:
-        low, least = high, most
-        high *= np.float32(2.0)
-        most = _count_within(distances, total, high)
-    for step in range(MAX_STEPS):
-        if most == count:
-            break
-        share = np.float32(0.5) if step % 3 == 2 else np.float32((count - least + 0.5) / (most - least + 0.5))
-        middle = max(low, ZERO) + share * (high - max(low, ZERO))
-        if middle <= low or middle >= high:
-            break
-        within = _count_within(distances, total, middle)
-        if within >= count:
-            high, most = middle, within
-        else:
-            low, least = middle, within
-    return low, high
-
-
-@njit(cache=True, nogil=True)
-def _choose(
-    distances: Float32Array,
-    total: int,
-    below: np.float32,
-    limit: np.float32,
-    count: int,
-    rows: RowArray,
-    chosen: RowArray,
-) -> None:
-    """The `count` candidates within the limit to the front of `chosen`; of equally distant ones the first.
-
-    Fewer than `count` lie within `below`; where too many lie within the limit, those between are equally distant.
-    """
-    at = 0
-    for i in range(total):
-        chosen[at] = rows[i]
-        at += distances[i] <= limit
-    if at > count:
-        at = 0
-        for i in range(total):
-            if distances[i] <= below:
-                chosen[at] = rows[i]
-                at += 1
-        for i in range(total):
-            if below < distances[i] <= limit and at < count:
-                chosen[at] = rows[i]
-                at += 1
