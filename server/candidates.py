@@ -11,6 +11,7 @@ from uuid import UUID
 from sqlalchemy import RowMapping, Select
 from sqlalchemy.ext.asyncio import AsyncConnection
 
+from contract.geometry import LatLon
 from server import rows
 from server.cell_index import CellIndex
 from server.obstacle import Obstacle, Witness
@@ -72,24 +73,44 @@ async def read(connection: AsyncConnection, asked: Sequence[Asked]) -> tuple[lis
         return [], {}
     # What is near one report may lie afar of another.
     found = {row["id"]: row for row in await reading.obstacles(reaches)}
-    evidence = await _evidence(reading, found, asked)
+    reports_of = _reports_of(found, asked)
+    evidence = await _evidence(reading, found, reports_of)
     by_obstacle: dict[UUID, list[Witness]] = {}
     for (identifier, _), witness in evidence.items():
         by_obstacle.setdefault(identifier, []).append(witness)
-    return [rows.obstacle_of(row, by_obstacle.get(row["id"], ())) for row in found.values()], evidence
+    return [rows.obstacle_of(found[key], by_obstacle.get(key, ())) for key in reports_of], evidence
 
 
-async def _evidence(reading: _Reading, found: dict[UUID, RowMapping], asked: Sequence[Asked]) -> Evidence:
+def _reports_of(found: dict[UUID, RowMapping], asked: Sequence[Asked]) -> dict[UUID, list[Asked]]:
+    """The reports with each obstacle in their cells, of obstacles that at least one of them concerns.
+
+    All of them: what one report moves may come to concern another.
+    """
     index = CellIndex((row["cell"], row["id"]) for row in found.values())
+    around: dict[UUID, list[Asked]] = {}
+    concerned: set[UUID] = set()
+    for item in asked:
+        for identifier in index.within(item.reach.far):
+            around.setdefault(identifier, []).append(item)
+            if identifier not in concerned and _concerns(item.reach, found[identifier]):
+                concerned.add(identifier)
+    return {identifier: around[identifier] for identifier in around if identifier in concerned}
+
+
+def _concerns(reach: Reach, row: RowMapping) -> bool:
+    position = LatLon(latitude_deg=row["latitude_deg"], longitude_deg=row["longitude_deg"])
+    return reach.concerns(row["id"], position, row["east_m2"] + row["north_m2"])
+
+
+async def _evidence(reading: _Reading, found: dict[UUID, RowMapping], reports_of: dict[UUID, list[Asked]]) -> Evidence:
     named = {
         _Named(found[identifier]["shard"], identifier, item.witness): None
-        for item in asked
-        for identifier in index.within(item.reach.far)
+        for identifier, reports in reports_of.items()
+        for item in reports
     }
+    rows_found = [found[identifier] for identifier in reports_of]
     absent = [
-        _Absent(row["shard"], row["id"], row["absent_since"])
-        for row in found.values()
-        if row["absent_since"] is not None
+        _Absent(row["shard"], row["id"], row["absent_since"]) for row in rows_found if row["absent_since"] is not None
     ]
     lines = [*await reading.named(list(named)), *await reading.since(absent)]
     return {(row["obstacle_id"], row["name"]): rows.witness_of(row) for row in lines}
@@ -102,7 +123,7 @@ class _PostgresReading:
         self._connection = connection
 
     async def obstacles(self, reaches: Sequence[Reach]) -> Sequence[RowMapping]:
-        near = merged(span for reach in reaches for span in reach.near)
+        near = merged(span for reach in reaches for span in reach.near_cells)
         far = merged(span for reach in reaches for span in reach.far)
         spans = {
             "lows": [low for low, _ in near + far],
@@ -132,7 +153,7 @@ class _SqliteReading:
         self._connection = connection
 
     async def obstacles(self, reaches: Sequence[Reach]) -> Sequence[RowMapping]:
-        near = padded(merged(span for reach in reaches for span in reach.near))
+        near = padded(merged(span for reach in reaches for span in reach.near_cells))
         far = padded(merged(span for reach in reaches for span in reach.far))
         inspected = padded(_inspected(reaches))
         values = range_values(far) | numbered("id", inspected) | {"limit_m2": reaches[0].well_known_m2}

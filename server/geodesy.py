@@ -20,9 +20,9 @@ _A_M, _FLATTENING = 6_378_137.0, 1 / 298.257223563
 _B_M = _A_M * (1 - _FLATTENING)
 _E2 = _FLATTENING * (2 - _FLATTENING)
 _SECOND_E2 = _E2 / (1 - _E2)
+# Radii of curvature of the ellipsoid lie between 6335.4 and 6399.6 km: the sphere's distances are within 0.6 %.
+_MEAN_RADIUS_M, _SPHERE_ERROR = 6_371_009.0, 0.01
 # Vehicles report from a few thousand places at a time.
-# Within these the metric of `metres_per_degree` is good to some parts in a million.
-_PLANE_LATITUDE_DEG, _PLANE_M, _PLANE_ERROR = 85.0, 2_000.0, 1e-4
 _REMEMBERED_PLANES = 4_096
 
 
@@ -42,16 +42,18 @@ def distance_m(a: LatLon, b: LatLon) -> float:
 
 
 def is_within(a: LatLon, b: LatLon, radius_m: float) -> bool:
-    """Whether two positions are at most `radius_m` apart; the geodesic decides only where the plane cannot."""
+    """Whether two positions are at most `radius_m` apart; the geodesic decides only what the sphere cannot."""
     north_deg = b.latitude_deg - a.latitude_deg
     if abs(north_deg) * _LEAST_DEGREE_M > radius_m:
         return False
-    if max(abs(a.latitude_deg), abs(b.latitude_deg)) <= _PLANE_LATITUDE_DEG:
-        north_scale, east_scale, slope = metres_per_degree(a.latitude_deg)
-        east_deg = math.remainder(b.longitude_deg - a.longitude_deg, 360.0)
-        apart_m = math.hypot(north_scale * north_deg, (east_scale + slope * north_deg) * east_deg)
-        if apart_m <= _PLANE_M and abs(apart_m - radius_m) > _PLANE_ERROR * radius_m:
-            return apart_m <= radius_m
+    east_rad = math.radians(b.longitude_deg - a.longitude_deg)
+    haversine = (
+        math.sin(math.radians(north_deg) / 2) ** 2
+        + math.cos(math.radians(a.latitude_deg)) * math.cos(math.radians(b.latitude_deg)) * math.sin(east_rad / 2) ** 2
+    )
+    apart_m = 2 * _MEAN_RADIUS_M * math.asin(min(1.0, math.sqrt(haversine)))
+    if abs(apart_m - radius_m) > _SPHERE_ERROR * radius_m:
+        return apart_m <= radius_m
     return distance_m(a, b) <= radius_m
 
 
@@ -106,7 +108,7 @@ class _Plane:
 
     def position_at(self, east_m: float, north_m: float) -> LatLon:
         # The tangent plane leaves the ellipsoid by about d^2 / 2R; undoing it keeps the round trip exact.
-        up_m = -(east_m**2 + north_m**2) / (2 * 6_371_009.0)
+        up_m = -(east_m**2 + north_m**2) / (2 * _MEAN_RADIUS_M)
         outwards_m = self._cos_lat * up_m - self._sin_lat * north_m
         return _position(
             self._origin_m[0] + self._cos_lon * outwards_m - self._sin_lon * east_m,

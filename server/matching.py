@@ -46,6 +46,8 @@ class _Pairs:
     east_m: FloatArray  # (D, O), detection minus obstacle
     north_m: FloatArray
     information: Information  # each (D, O), inverse covariance without the pose error
+    whole_information: Information  # the same with it
+    chi_square: FloatArray  # (D, O), of that
     shape_cost: FloatArray  # (D, O), of allowed pairs
     allowed: NDArray[np.bool_]  # (D, O)
     pose_m2: Symmetric
@@ -57,11 +59,21 @@ def match(
 ) -> Matches:
     """Match detections to obstacles, each at most once.
 
-    A pair is allowed when sign and level agree and its residual after the common shift lies inside the gate
-    (chi-square 99.9 % with 2 degrees of freedom). Among hypotheses of the shift the cheapest assignment wins.
+    A pair is allowed when sign and level agree and it lies inside the gate (chi-square 99.9 % with 2 degrees of
+    freedom), with the pose's error by itself and without it after the common shift. Among hypotheses of the shift the
+    cheapest assignment wins.
     """
     if not detections or not obstacles:
         return Matches(_NO_SHIFT, {})
+    if len(detections) == 1:
+        return _match_alone(report, detections[0], obstacles, policy)
+    return match_jointly(report, detections, obstacles, policy)
+
+
+def match_jointly(
+    report: ObservationReport, detections: Sequence[Detection], obstacles: Sequence[Obstacle], policy: Matching
+) -> Matches:
+    """The same for any number of detections, at least one, and at least one obstacle."""
     pairs = _pairs(report, detections, obstacles, policy)
     best_cost, best = math.inf, Matches(_NO_SHIFT, {})
     tried: set[tuple[tuple[int, int], ...]] = set()
@@ -77,6 +89,37 @@ def match(
         if cost < best_cost:
             best_cost, best = cost, refined
     return best
+
+
+def _match_alone(
+    report: ObservationReport, detection: Detection, obstacles: Sequence[Obstacle], policy: Matching
+) -> Matches:
+    """`match_jointly` for the one detection that most reports have, in closed form.
+
+    Over all shifts, the least sum of the pose's term and the pair's is the pair's chi-square with the pose's error.
+    """
+    origin = report.origin
+    pose_m2 = matrix_m2(origin.covariance).widened(_LEAST_VARIANCE_M2)
+    known_m2 = pose_m2.plus(matrix_m2(detection.covariance))
+    best_cost, best = math.inf, Matches(_NO_SHIFT, {})
+    for index, obstacle in enumerate(obstacles):
+        if not _may_match(report, detection, obstacle, policy):
+            continue
+        stored = east_north_m(obstacle.place.position, origin.position)
+        east_m, north_m = detection.east_m - stored.east_m, detection.north_m - stored.north_m
+        information = known_m2.plus(stored_covariance_m2(obstacle.place, policy)).inverse()
+        chi_square = information.square(east_m, north_m)
+        if chi_square > policy.gate_chi_square:
+            continue
+        cost = chi_square + _shape_cost(detection, obstacle, policy)
+        if cost < best_cost:
+            shift_m = EastNorth(*pose_m2.times(*information.times(east_m, north_m)))
+            best_cost, best = cost, Matches(shift_m, {0: index})
+    return best
+
+
+def _may_match(report: ObservationReport, detection: Detection, obstacle: Obstacle, policy: Matching) -> bool:
+    return detection.sign is obstacle.sign and same_level(report, detection.up_m, obstacle.place, policy)
 
 
 def residual_chi_square(
@@ -141,20 +184,26 @@ def _pairs(
     stored = [stored_covariance_m2(obstacle.place, policy) for obstacle in obstacles]
     measured = [matrix_m2(detection.covariance) for detection in detections]
     pose_m2 = matrix_m2(report.origin.covariance).widened(_LEAST_VARIANCE_M2)
-    allowed = [
-        [d.sign is o.sign and same_level(report, d.up_m, o.place, policy) for o in obstacles] for d in detections
-    ]
+    east_m = _differences([d.east_m for d in detections], [place.east_m for place in places])
+    north_m = _differences([d.north_m for d in detections], [place.north_m for place in places])
+    xx, xy, yy = covariance_m2 = _sums(measured, stored)
+    whole = _inverse((xx + pose_m2.xx, xy + pose_m2.xy, yy + pose_m2.yy))
+    may = np.array([[_may_match(report, d, o, policy) for o in obstacles] for d in detections], dtype=np.bool_)
+    chi_square = _squares(whole, east_m, north_m)
+    allowed = may & (chi_square <= policy.gate_chi_square)
     return _Pairs(
-        east_m=_differences([d.east_m for d in detections], [place.east_m for place in places]),
-        north_m=_differences([d.north_m for d in detections], [place.north_m for place in places]),
-        information=_inverse(_sums(measured, stored)),
+        east_m=east_m,
+        north_m=north_m,
+        information=_inverse(covariance_m2),
+        whole_information=whole,
+        chi_square=chi_square,
         shape_cost=np.array(
             [
-                [_shape_cost(d, o, policy) if may else 0.0 for o, may in zip(obstacles, row, strict=True)]
-                for d, row in zip(detections, allowed, strict=True)
+                [_shape_cost(d, o, policy) if is_allowed else 0.0 for o, is_allowed in zip(obstacles, row, strict=True)]
+                for d, row in zip(detections, allowed.tolist(), strict=True)
             ]
         ),
-        allowed=np.array(allowed, dtype=np.bool_),
+        allowed=allowed,
         pose_m2=pose_m2,
         pose_information=pose_m2.inverse(),
     )
@@ -183,19 +232,19 @@ def _shape_cost(detection: Detection, obstacle: Obstacle, policy: Matching) -> f
 
 def _hypotheses(pairs: _Pairs, policy: Matching) -> list[EastNorth]:
     """No shift, and the most likely shift of every pair that the pose error allows, likeliest first."""
-    xx, xy, yy = _inverse(pairs.information)
-    pose = pairs.pose_m2
-    ixx, ixy, iyy = _inverse((xx + pose.xx, xy + pose.xy, yy + pose.yy))
-    explained_east = ixx * pairs.east_m + ixy * pairs.north_m
-    explained_north = ixy * pairs.east_m + iyy * pairs.north_m
-    chi_square = pairs.east_m * explained_east + pairs.north_m * explained_north
-    likely = np.argwhere(pairs.allowed & (chi_square <= policy.gate_chi_square))
+    likely = np.argwhere(pairs.allowed)
     if not len(likely):
         return [_NO_SHIFT]
-    costs = (chi_square + pairs.shape_cost)[likely[:, 0], likely[:, 1]]
+    costs = (pairs.chi_square + pairs.shape_cost)[likely[:, 0], likely[:, 1]]
     ordered = likely[np.argsort(costs, kind="stable")[: policy.hypotheses]].tolist()
-    shifts = [EastNorth(*pose.times(float(explained_east[d, o]), float(explained_north[d, o]))) for d, o in ordered]
-    return [_NO_SHIFT, *shifts]
+    return [_NO_SHIFT, *(_explained(pairs, d, o) for d, o in ordered)]
+
+
+def _explained(pairs: _Pairs, detection: int, obstacle: int) -> EastNorth:
+    """The most likely shift when a pair is the only one."""
+    information = Symmetric(*(float(part[detection, obstacle]) for part in pairs.whole_information))
+    offset_m = float(pairs.east_m[detection, obstacle]), float(pairs.north_m[detection, obstacle])
+    return EastNorth(*pairs.pose_m2.times(*information.times(*offset_m)))
 
 
 def _refined(pairs: _Pairs, assigned: dict[int, int], policy: Matching) -> Matches:
@@ -236,6 +285,10 @@ def _cost(pairs: _Pairs, matches: Matches, policy: Matching) -> float:
 
 
 def _residuals(pairs: _Pairs, shift_m: EastNorth) -> FloatArray:
-    east_m, north_m = pairs.east_m - shift_m.east_m, pairs.north_m - shift_m.north_m
-    xx, xy, yy = pairs.information
+    return _squares(pairs.information, pairs.east_m - shift_m.east_m, pairs.north_m - shift_m.north_m)
+
+
+def _squares(information: Information, east_m: FloatArray, north_m: FloatArray) -> FloatArray:
+    """Squared Mahalanobis distances of offsets."""
+    xx, xy, yy = information
     return np.asarray(xx * east_m * east_m + 2 * xy * east_m * north_m + yy * north_m * north_m)

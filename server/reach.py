@@ -7,34 +7,49 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from uuid import UUID
 
-from contract.geometry import PlaneCovariance
+from contract.geometry import LatLon
 from contract.observation import ObservationReport
-from server.geodesy import offset_from
+from server.geodesy import is_within, offset_from
 from server.policy import Policy
 from server.quadkey import Ranges, cover, tiles
 from server.symmetric import greatest_sd_m
 
 
 @dataclass(frozen=True, slots=True)
+class Circle:
+    """A place and all that lies at most `radius_m` around it."""
+
+    centre: LatLon
+    radius_m: float
+
+
+@dataclass(frozen=True, slots=True)
 class Reach:
     """All that a report can concern, within the tiles that it locks.
 
-    In the cells of `near` that is every obstacle; in those of `far`, which hold `near`, only what is `inspected` and
-    what is badly known: the variances of its place (east and north) add up to more than `well_known_m2`.
+    In the circle `near` that is every obstacle; in the cells of `far`, which hold it, only what is `inspected` and what
+    is badly known: the variances of its place (east and north) add up to more than `well_known_m2`.
     """
 
     tiles: tuple[int, ...]
-    near: Ranges
+    near: Circle | None
     far: Ranges
     inspected: frozenset[UUID]
     well_known_m2: float
 
-    def takes_from_afar(self, identifier: UUID, covariance: PlaneCovariance) -> bool:
-        """Whether an obstacle concerns the report although it lies in `far` only."""
-        return covariance.east_m2 + covariance.north_m2 > self.well_known_m2 or identifier in self.inspected
+    @property
+    def near_cells(self) -> Ranges:
+        """Ranges of cells that hold `near`."""
+        return () if self.near is None else cover(self.near.centre, self.near.radius_m)
+
+    def concerns(self, identifier: UUID, position: LatLon, variances_m2: float) -> bool:
+        """Whether the report can concern an obstacle in the cells of `far`."""
+        if variances_m2 > self.well_known_m2 or identifier in self.inspected:
+            return True
+        return self.near is not None and is_within(self.near.centre, position, self.near.radius_m)
 
 
-NOWHERE = Reach((), (), (), frozenset(), 0.0)
+NOWHERE = Reach((), None, (), frozenset(), 0.0)
 """Of what changes nothing, whatever it says."""
 
 
@@ -54,26 +69,24 @@ def reach_of(message: ObservationReport, policy: Policy) -> Reach:
     )
 
 
-def _near(message: ObservationReport, radius_m: float, policy: Policy) -> Ranges:
-    """Cells of all well-known obstacles that detections could match or merge with, inside the circle that is locked.
+def _near(message: ObservationReport, radius_m: float, policy: Policy) -> Circle | None:
+    """Where all well-known obstacles lie that detections could match or merge with, inside the circle that is locked.
 
-    The pose's error shifts all detections by up to the gate, then each must agree with its obstacle; what was matched
-    is known at least as well as it was measured, and merges with what agrees with that.
+    What was matched is then known at least as well as it was measured, and merges with what agrees with that.
     """
     limits, matching = policy.plausibility, policy.matching
     seen = [item for item in message.detections if math.hypot(item.east_m, item.north_m) <= limits.reach_m]
     if not seen:
-        return ()
+        return None
     east_m, half_east_m = _middle([item.east_m for item in seen])
     north_m, half_north_m = _middle([item.north_m for item in seen])
     pose_sd_m = greatest_sd_m(message.origin.covariance)
     centre_sd_m = min(max(greatest_sd_m(item.covariance) for item in seen), limits.greatest_centre_sd_m)
-    stored_sd_m = max(matching.well_known_sd_m, matching.least_stored_sd_m)
-    gate_m = math.sqrt(matching.gate_chi_square) * (pose_sd_m + math.hypot(centre_sd_m, stored_sd_m))
-    merging_m = math.sqrt(matching.merging_chi_square) * math.hypot(pose_sd_m, centre_sd_m, stored_sd_m)
-    wanted_m = math.hypot(half_east_m, half_north_m) + gate_m + merging_m
+    sd_m = math.hypot(pose_sd_m, centre_sd_m, max(matching.well_known_sd_m, matching.least_stored_sd_m))
+    gates_m = (math.sqrt(matching.gate_chi_square) + math.sqrt(matching.merging_chi_square)) * sd_m
     locked_m = radius_m - math.hypot(east_m, north_m)
-    return cover(offset_from(message.origin.position, east_m, north_m), min(wanted_m, locked_m))
+    centre = offset_from(message.origin.position, east_m, north_m)
+    return Circle(centre, min(math.hypot(half_east_m, half_north_m) + gates_m, locked_m))
 
 
 def _middle(values: Sequence[float]) -> tuple[float, float]:

@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass
 from datetime import datetime
+from operator import attrgetter
 from typing import Literal
 from uuid import UUID
 
@@ -92,13 +93,8 @@ class WorkingSet:
 
     def nearby(self, reach: Reach) -> tuple[Obstacle, ...]:
         """All obstacles that a report of that reach could concern, removed ones too, by id."""
-        inside = set(self._index.within(reach.near))
-        inside.update(
-            identifier
-            for identifier in self._index.within(reach.far)
-            if reach.takes_from_afar(identifier, self._current[identifier].place.covariance)
-        )
-        return tuple(self._current[identifier] for identifier in sorted(inside))
+        around = (self._current[identifier] for identifier in self._index.within(reach.far))
+        return tuple(sorted((item for item in around if _concerns(reach, item)), key=_id))
 
     def put(self, after: Obstacle, by: str, at: datetime) -> ObstacleEvent | None:
         """Take an obstacle's new value, caused `by` a witness or an operator; the event when a served field changed."""
@@ -151,3 +147,11 @@ def _outcome(before: Obstacle, after: Obstacle) -> Outcome | None:
         return "shared"
     denied = after.removed_reason == "absent" or after.inspection_state is InspectionState.NOT_AN_ISSUE
     return "refuted" if before.is_live and not after.is_live and denied else None
+
+
+def _concerns(reach: Reach, obstacle: Obstacle) -> bool:
+    covariance = obstacle.place.covariance
+    return reach.concerns(obstacle.id, obstacle.place.position, covariance.east_m2 + covariance.north_m2)
+
+
+_id = attrgetter("id")

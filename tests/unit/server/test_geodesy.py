@@ -13,6 +13,11 @@ from server.geodesy import distance_m, is_within, offset_from
 places = st.builds(LatLon, latitude_deg=st.floats(-89.9, 89.9), longitude_deg=st.floats(-180, 180))
 
 
+@given(places, places, st.floats(0.01, 2e7))
+def test_what_is_within_a_radius_on_the_globe_is_what_the_geodesic_says(a: LatLon, b: LatLon, radius_m: float) -> None:
+    assert is_within(a, b, radius_m) is (distance_m(a, b) <= radius_m)
+
+
 @given(places, st.floats(0, 2 * math.pi), st.floats(0, 5_000), st.floats(0.01, 5_000))
 @example(LatLon(latitude_deg=10.0, longitude_deg=180.0), 1.5, 100.0, 101.0)
 @example(LatLon(latitude_deg=84.999, longitude_deg=-180.0), 4.7, 1_900.0, 1_899.0)

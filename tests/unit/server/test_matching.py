@@ -9,8 +9,10 @@ from hypothesis import strategies as st
 
 from contract.geometry import LatLon
 from server.geodesy import distance_m, east_north_m, offset_from
+from server.matching import match, match_jointly
+from server.policy import COOPERATION
 from server.symmetric import Symmetric
-from tests.unit.server.making import HOUR, NOON, PATRAS, Road, detection
+from tests.unit.server.making import HOUR, NOON, PATRAS, Road, detection, message
 
 offsets = st.floats(-500, 500)
 
@@ -115,3 +117,22 @@ def test_an_unmatched_report_among_many_obstacles_is_bounded() -> None:
     assert len(road.obstacles) == 60
     again = [detection(3.0 * east, 6.0, 500, 400) for east in range(10)]
     assert {d.outcome.value for d in road.sees("ego2", NOON + HOUR, *again, pose_sd_m=0.3)} == {"kept"}
+
+
+holes = st.tuples(st.floats(-30, 30), st.floats(-30, 30))
+
+
+@given(holes, st.lists(holes, min_size=1, max_size=8), st.floats(0.1, 5.0))
+@settings(deadline=None)
+def test_one_detection_alone_is_matched_as_among_others(
+    seen: tuple[float, float], stored: list[tuple[float, float]], pose_sd_m: float
+) -> None:
+    road = Road()
+    for number, hole in enumerate(stored):
+        road.sees(f"ego{number}", NOON, detection(*hole), pose_sd_m=1.0)
+    obstacles = tuple(road.obstacles.values())
+    report = message(detection(*seen), vehicle="ego", at=NOON + HOUR, pose_sd_m=pose_sd_m)
+    alone = match(report, report.detections, obstacles, COOPERATION.matching)
+    jointly = match_jointly(report, report.detections, obstacles, COOPERATION.matching)
+    assert alone.obstacle_of == jointly.obstacle_of
+    assert np.allclose(alone.shift_m, jointly.shift_m, atol=1e-9)
