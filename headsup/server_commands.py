@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Awaitable, Callable, Mapping
+from datetime import datetime
 from enum import StrEnum
 from typing import TYPE_CHECKING, Annotated, Any, NoReturn
 from uuid import UUID
@@ -81,8 +82,9 @@ def create_key(
     """
     from server.keys import Role
 
-    if not 1 <= len(name) <= _NAME_LENGTH:
-        raise typer.BadParameter(f"1 to {_NAME_LENGTH} characters", param_hint="--name")
+    # A line of the list is a key's; what turns text around would show another name.
+    if not (name.strip() and name.isprintable() and len(name) <= _NAME_LENGTH):
+        raise typer.BadParameter(f"1 to {_NAME_LENGTH} printable characters", param_hint="--name")
 
     async def create(keys: Keys) -> None:
         typer.echo(await keys.create(Role(role.value), name))
@@ -92,7 +94,7 @@ def create_key(
 
 @keys_app.command("list")
 def list_keys() -> None:
-    """List all keys: id, role, name, created, revoked.
+    """List all keys: id, role, created, revoked (times in UTC), name.
 
     Example:
 
@@ -101,15 +103,15 @@ def list_keys() -> None:
 
     async def show(keys: Keys) -> None:
         for key in await keys.all():
-            revoked = f"revoked {key['revoked_at']:%Y-%m-%d %H:%M}" if key["revoked_at"] else "valid"
-            typer.echo(f"{key['id']}  {key['role']:8}  {key['created_at']:%Y-%m-%d %H:%M}  {revoked}  {key['name']}")
+            revoked = f"revoked {_minute(key['revoked_at'])}" if key["revoked_at"] else "valid"
+            typer.echo(f"{key['id']}  {key['role']:8}  {_minute(key['created_at'])}  {revoked}  {key['name']}")
 
     _with_keys(show)
 
 
 @keys_app.command("revoke")
 def revoke_key(key_id: Annotated[UUID, typer.Argument(help="The key's id, from `headsup keys list`.")]) -> None:
-    """Revoke a key; connections made with it are cut within half a minute.
+    """Revoke a key; connections made with it are cut within half a minute. Exits with 1 when it is revoked already.
 
     Example:
 
@@ -117,10 +119,18 @@ def revoke_key(key_id: Annotated[UUID, typer.Argument(help="The key's id, from `
     """
 
     async def revoke(keys: Keys) -> None:
-        if not await keys.revoke(key_id):
-            refuse(f"there is no valid key {key_id}: see `headsup keys list`")
+        if await keys.revoke(key_id):
+            return
+        for key in await keys.all():
+            if key["id"] == key_id:
+                refuse(f"the key {key_id} is revoked already, since {_minute(key['revoked_at'])}")
+        refuse(f"there is no key {key_id}: see `headsup keys list`")
 
     _with_keys(revoke)
+
+
+def _minute(moment: datetime) -> str:
+    return f"{moment:%Y-%m-%dT%H:%MZ}"
 
 
 def settings_with(**options: Any) -> Settings:

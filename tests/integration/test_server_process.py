@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -10,6 +11,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from datetime import UTC, datetime
 from pathlib import Path
+from uuid import uuid4
 
 import httpx
 import pytest
@@ -22,6 +24,7 @@ from headsup import server_commands
 from headsup.policy_command import policy_app
 from tests.unit.server.making import HOUR, detection, message
 
+MINUTE = r"20\d\d-\d\d-\d\dT\d\d:\d\dZ"
 PROGRAM = "from headsup.server_commands import serve; import typer; typer.run(serve)"
 
 
@@ -118,9 +121,31 @@ def test_a_key_is_printed_once_and_alone_and_only_its_hash_is_kept(url: str, tmp
     assert "ego1" in listed
     assert "valid" in listed
     identifier = listed.split()[0]
+    assert re.search(rf"^{identifier}  vehicle   {MINUTE}  valid  ego1$", listed, re.MULTILINE)
     assert commands("keys", "revoke", identifier).exit_code == 0
-    assert "revoked" in commands("keys", "list").stdout
-    assert commands("keys", "revoke", identifier).exit_code == 1
+    assert re.search(rf"  {MINUTE}  revoked {MINUTE}  ego1$", commands("keys", "list").stdout, re.MULTILINE)
+    again, unknown = commands("keys", "revoke", identifier), commands("keys", "revoke", str(uuid4()))
+    assert (again.exit_code, unknown.exit_code) == (1, 1)
+    assert re.fullmatch(rf"the key {identifier} is revoked already, since {MINUTE}\n", again.stderr)
+    assert unknown.stderr.startswith("there is no key")
+
+
+@pytest.mark.parametrize("name", ["", "  ", "ego\n1", "ego\x1b[2J", "ego\u202e1", "e" * 65])
+def test_a_name_that_would_deceive_whoever_reads_the_list_is_refused(url: str, name: str) -> None:
+    assert commands("keys", "create", "--role", "vehicle", "--name", name).exit_code == 2
+    assert commands("keys", "list").stdout == ""
+
+
+def test_a_reader_that_has_had_enough_ends_the_list_quietly(url: str) -> None:
+    for name in ("ego1", "ego2"):
+        commands("keys", "create", "--role", "vehicle", "--name", name)
+    reading, writing = os.pipe()
+    os.close(reading)
+    done = subprocess.run(
+        [sys.executable, "-m", "headsup.cli", "keys", "list"], stdout=writing, stderr=subprocess.PIPE, text=True
+    )
+    os.close(writing)
+    assert (done.returncode, done.stderr) == (1, "")
 
 
 def test_a_key_opens_a_guarded_server(url: str) -> None:
