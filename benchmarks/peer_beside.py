@@ -12,6 +12,8 @@ from pathlib import Path
 from benchmarks import peer_data
 from benchmarks.peer_postgis import AbsentError, PostGis, postgis
 from benchmarks.peer_servers import PEERS, Peer
+from benchmarks.server_answers import found
+from benchmarks.server_data import RADIUS_M
 from benchmarks.server_processes import Measured
 from benchmarks.server_report import Report, Stock
 from benchmarks.server_turns import bar
@@ -21,9 +23,12 @@ from benchmarks.server_turns import bar
 class Beside:
     """A peer that runs."""
 
-    name: str
     peer: Peer
+    version: str
     server: Measured
+
+    def __str__(self) -> str:
+        return f"{self.peer.package} {self.version}"
 
 
 @contextmanager
@@ -31,20 +36,22 @@ def peers_beside(venv: Path | None, stock: Stock, report: Report) -> Iterator[li
     """The peers of a virtual environment on a PostGIS with the obstacles of `stock`; none without an environment."""
     with ExitStack() as stack:
         try:
-            python, server, database = _stocked(venv, stock, stack)
+            python, server = _stocked(venv, stock, stack)
         except AbsentError as error:
             report.note(f"Peers not run: {error}")
             yield []
             return
-        started = (_started(peer, python, server, database, stock.folder, report, stack) for peer in PEERS)
-        yield [beside for beside in started if beside is not None]
+        started = (_started(peer, python, server, stock, report, stack) for peer in PEERS)
+        running = [beside for beside in started if beside is not None]
+        report.note("Peers, on PostgreSQL 15 with PostGIS: " + ", ".join(map(str, running)) + ".")
+        yield running
 
 
-def _stocked(venv: Path | None, stock: Stock, stack: ExitStack) -> tuple[Path, PostGis, str]:
+def _stocked(venv: Path | None, stock: Stock, stack: ExitStack) -> tuple[Path, PostGis]:
     """A Python of the peers, and a PostGIS with a database that holds the obstacles."""
     python = _python(venv)
     server = stack.enter_context(postgis(stock.folder))
-    name = f"obstacles_{len(stock.places_deg)}"
+    name = _database(stock)
     asyncio.run(peer_data.create(server.url("postgres"), name))
     with bar() as progress:
         task = progress.add_task("obstacles to PostGIS", total=None)
@@ -55,7 +62,11 @@ def _stocked(venv: Path | None, stock: Stock, stack: ExitStack) -> tuple[Path, P
                 lambda total, done: progress.update(task, total=total, completed=done),
             )
         )
-    return python, server, name
+    return python, server
+
+
+def _database(stock: Stock) -> str:
+    return f"obstacles_{len(stock.places_deg)}"
 
 
 def _python(venv: Path | None) -> Path:
@@ -68,14 +79,18 @@ def _python(venv: Path | None) -> Path:
 
 
 def _started(
-    peer: Peer, python: Path, server: PostGis, database: str, folder: Path, report: Report, stack: ExitStack
+    peer: Peer, python: Path, server: PostGis, stock: Stock, report: Report, stack: ExitStack
 ) -> Beside | None:
     try:
-        name = peer.title.format(_version(python, peer.package))
-        return Beside(name, peer, stack.enter_context(peer.start(python, server, database, folder)))
-    except RuntimeError as error:
-        report.note(f"{peer.title.format('')} not run: {error}")
+        version = _version(python, peer.package)
+        running = stack.enter_context(peer.start(python, server, _database(stock), stock.folder))
+        latitude_deg, longitude_deg = map(float, stock.places_deg[0])
+        if not found(running.url + peer.path_of(latitude_deg, longitude_deg, RADIUS_M)):
+            raise AbsentError("it finds nothing at the place of an obstacle")
+    except (RuntimeError, OSError, ValueError) as error:
+        report.note(f"{peer.name} not run: {error}")
         return None
+    return Beside(peer, version, running)
 
 
 def _version(python: Path, package: str) -> str:

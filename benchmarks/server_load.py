@@ -46,6 +46,10 @@ end
 """
 
 
+class LoadError(RuntimeError):
+    """A server did not answer all of its requests as it should."""
+
+
 @dataclass(frozen=True, slots=True)
 class Load:
     """Requests: a file with one in each line (paths to get, or bodies to post)."""
@@ -95,12 +99,12 @@ class Cost:
 
 
 def cost_of(server: Measured, load: Load, seconds: int) -> Cost:
-    """Put a load on a server; raises `RuntimeError` when any answer is not 2xx."""
+    """Put a load on a server; raises `LoadError` when any answer is not 2xx."""
     before_s = server.cpu_s()
     said = _wrk(server.url, load, seconds)
     app_s, database_s = (after - before for after, before in zip(server.cpu_s(), before_s, strict=True))
     if said["failed"] or not said["requests"]:
-        raise RuntimeError(f"{said['failed']} of {said['requests']} requests to {server.url} failed")
+        raise LoadError(f"{said['failed']} of {said['requests']} requests to {server.url} failed")
     number = int(said["requests"])
     return Cost(
         requests=number,

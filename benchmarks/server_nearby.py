@@ -21,7 +21,7 @@ from benchmarks.server_queries import (
     one_in_each_tile,
     write_queries,
 )
-from benchmarks.server_report import Report, Row, Stock
+from benchmarks.server_report import Report, Stock
 from benchmarks.server_turns import Subject, bar, in_turns
 
 REPEATED, FRESH = 1_000, 400_000
@@ -73,46 +73,59 @@ class _Queries:
 def run(few: Stock, many: Stock, peers: Path | None, report: Report, rounds: int, seconds: int, seed: int) -> None:
     """Print the tables."""
     queries = _Queries(many, seed)
-    tour = one_in_each_tile(many.places_deg)
-    few_repeated = write_queries(few.folder / "few", near_obstacles(few.places_deg, REPEATED, seed))
     with ExitStack() as stack:
         large = stack.enter_context(serving(many, KEY))
-        cold = [Subject("HeadsUp, cold", large, queries.cold("own"))]
         beside = stack.enter_context(peers_beside(peers, many, report))
-        cold += [Subject(f"{item.name}, cold", item.server, queries.cold(*_form(item))) for item in beside]
-        cold_rows = in_turns(cold, 1, seconds)
-        _warm(large, write_queries(many.folder / "tour", tour), len(tour))
-        small = stack.enter_context(serving(few, KEY))
-        cost_of(small, few_repeated, 3)
-        size = cost_of(large, queries.repeated("own"), 3).answer_bytes
-        alone = stack.enter_context(bare(_body_bytes(size)))
+        cold = in_turns(_cold(large, beside, queries), 1, seconds)
+        _warm(large, many, report)
+        own = _own(large, queries)
+        size = _body_bytes(cost_of(large, own[0].load, 3).answer_bytes)
+        framework = stack.enter_context(bare(size))
         subjects = [
-            Subject("bare endpoint, answers of the same size", alone, queries.repeated("own")),
-            Subject(f"HeadsUp, {_REPEATED}", large, queries.repeated("own")),
-            Subject(f"HeadsUp, {_FRESH}", large, queries.fresh("own")),
-            Subject(f"HeadsUp, {len(few.places_deg):,} obstacles, {_REPEATED}", small, few_repeated),
-            Subject(f"HeadsUp by SQL (a filter), {_FRESH}", large, queries.fresh("sql", filtered_path, _FRESH_BY_SQL)),
+            Subject("bare endpoint, answers of the same size", framework, own[0].load),
+            *own,
+            _small(stack.enter_context(serving(few, KEY)), few, seed),
             *_of_peers(beside, queries),
         ]
         rows = in_turns(subjects, rounds, seconds)
-        report.costs(
-            f"Nearby, {RADIUS_M:.0f} m, {len(many.places_deg):,} obstacles, one server process",
-            [*rows, *cold_rows],
-            rows[0],
-            rows[2],
-        )
-        _note_growth(report, rows[1], rows[3])
-        report.note(f"HeadsUp with all {len(tour):,} tiles in memory: {large.resident_mib:,.0f} MiB.")
-        fresh = [subject for subject in subjects if subject.name.endswith(_FRESH)]
-        report.note(comparison([(subject.name.removesuffix(f", {_FRESH}"), found_by(subject)) for subject in fresh]))
+        title = f"Nearby, {RADIUS_M:.0f} m, {len(many.places_deg):,} obstacles, one process of each server"
+        report.costs(title, [*rows, *cold], bare=rows[0], own=rows[2])
+        growth = rows[1].cpu_us / rows[1 + len(own)].cpu_us
+        report.note(f"{len(many.places_deg):,} obstacles cost {growth:.2f} times what {len(few.places_deg):,} do.")
+        _compare([subject for subject in subjects if subject.name.endswith(_FRESH)], report)
         paced = [subject.at(row.per_second / 2) for subject, row in zip(subjects, rows, strict=True)]
         report.latencies("Nearby, at half of what each can do", in_turns(paced, 1, 2 * seconds))
 
 
+def _own(server: Measured, queries: _Queries) -> list[Subject]:
+    return [
+        Subject(f"HeadsUp, {_REPEATED}", server, queries.repeated("own")),
+        Subject(f"HeadsUp, {_FRESH}", server, queries.fresh("own")),
+        Subject(f"HeadsUp by SQL (a filter), {_FRESH}", server, queries.fresh("sql", filtered_path, _FRESH_BY_SQL)),
+    ]
+
+
+def _small(server: Measured, few: Stock, seed: int) -> Subject:
+    load = write_queries(few.folder / "few", near_obstacles(few.places_deg, REPEATED, seed))
+    cost_of(server, load, 3)
+    return Subject(f"HeadsUp, {len(few.places_deg):,} obstacles, {_REPEATED}", server, load)
+
+
 def _of_peers(beside: Sequence[Beside], queries: _Queries) -> Iterator[Subject]:
     for item in beside:
-        yield Subject(f"{item.name}, {_REPEATED}", item.server, queries.repeated(*_form(item)))
-        yield Subject(f"{item.name}, {_FRESH}", item.server, queries.fresh(*_form(item), number=_FRESH_BY_SQL))
+        yield Subject(f"{item.peer.name}, {_REPEATED}", item.server, queries.repeated(*_form(item)))
+        yield Subject(f"{item.peer.name}, {_FRESH}", item.server, queries.fresh(*_form(item), number=_FRESH_BY_SQL))
+
+
+def _cold(server: Measured, beside: Sequence[Beside], queries: _Queries) -> list[Subject]:
+    """Each as it was started: HeadsUp reads tiles for every query, PostGIS its pages."""
+    peers = (Subject(f"{item.peer.name}, cold", item.server, queries.cold(*_form(item))) for item in beside)
+    return [Subject("HeadsUp, cold", server, queries.cold("own")), *peers]
+
+
+def _compare(subjects: Sequence[Subject], report: Report) -> None:
+    """All were asked about the same places."""
+    report.note(comparison([(subject.name.removesuffix(f", {_FRESH}"), found_by(subject)) for subject in subjects]))
 
 
 def _form(item: Beside) -> tuple[str, PathOf]:
@@ -120,18 +133,16 @@ def _form(item: Beside) -> tuple[str, PathOf]:
     return item.peer.package, item.peer.path_of
 
 
-def _note_growth(report: Report, many: Row, few: Row) -> None:
-    report.note(f"From few obstacles to many a query costs {many.cpu_us / few.cpu_us:.2f} times as much.")
-
-
-def _warm(server: Measured, tour: Load, tiles: int) -> None:
+def _warm(server: Measured, stock: Stock, report: Report) -> None:
     """Touch every tile."""
-    done = 0
+    places_deg = one_in_each_tile(stock.places_deg)
+    tour, tiles, done = write_queries(stock.folder / "tour", places_deg), len(places_deg), 0
     with bar() as progress:
         task = progress.add_task("every tile into memory", total=tiles)
         while done < tiles:
             done += cost_of(server, tour.beginning(done), 5).requests
             progress.update(task, completed=done)
+    report.note(f"HeadsUp with all {tiles:,} tiles in memory: {server.resident_mib:,.0f} MiB.")
 
 
 def _body_bytes(answer_bytes: float) -> int:
