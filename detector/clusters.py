@@ -51,20 +51,34 @@ class Deviations:
     @property
     def level_range_m(self) -> FloatArray:
         """Range (N,) at which each point's ray crosses the road's level: one value a ring, in a hole or beside it."""
-        below_sensor = np.maximum(self.sensor_height_m - self.residual_m, MIN_HEIGHT_M)
-        return np.asarray(self.range_m * self.sensor_height_m / below_sensor)
+        return np.asarray(_level_range(self.range_m, self.residual_m, self.sensor_height_m))
 
     @property
     def below(self) -> np.ndarray:
         """Mask of points below the road by more than noise."""
-        limit = np.maximum(FLAG_SD * self.noise_m, MIN_DEPTH_M)
-        return (self.residual_m < -limit) & (self.residual_m > -MAX_DEPTH_M)
+        return np.asarray(_beyond_noise(self.residual_m, self.noise_m, -1.0, MIN_DEPTH_M, MAX_DEPTH_M))
 
     @property
     def above(self) -> np.ndarray:
         """Mask of points above the road by more than noise."""
-        limit = np.maximum(FLAG_SD * self.noise_m, MIN_HEIGHT_M)
-        return (self.residual_m > limit) & (self.residual_m < OVERHANG_M)
+        return np.asarray(_beyond_noise(self.residual_m, self.noise_m, 1.0, MIN_HEIGHT_M, OVERHANG_M))
+
+
+@njit(cache=True, nogil=True)
+def _level_range(range_m: FloatArray, residual: FloatArray, sensor_height: float) -> FloatArray:
+    level = np.empty(len(range_m))
+    for i in range(len(range_m)):
+        level[i] = range_m[i] * sensor_height / max(sensor_height - residual[i], MIN_HEIGHT_M)
+    return level
+
+
+@njit(cache=True, nogil=True)
+def _beyond_noise(residual: FloatArray, noise: FloatArray, sign: float, least: float, most: float) -> np.ndarray:
+    """Mask (N,) of residuals of a sign that are greater than noise and than `least`, but less than `most`."""
+    beyond = np.empty(len(residual), dtype=np.bool_)
+    for i in range(len(residual)):
+        beyond[i] = max(FLAG_SD * noise[i], least) < sign * residual[i] < most
+    return beyond
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,6 +95,8 @@ def group(deviations: Deviations, candidates: np.ndarray, cell_m: float = CELL_M
 
     Only points in cells of which they are a good part count: among many hits on the road some deviate by chance.
     """
+    if not candidates.any():
+        return []
     cell, occupied, taken = _taken(deviations.along_m, deviations.across_m, deviations.range_m, candidates, cell_m)
     if taken.size < MIN_POINTS:
         return []

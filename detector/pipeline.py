@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Literal
 
 import numpy as np
+from numba import njit
 
 from detector.clusters import MAX_POINT_SD
 from detector.ground import height_over_profile
@@ -55,25 +56,30 @@ def detect(sweep: DetectorInput, method: Method = "surface") -> FrameDetection:
 def _on_road(points: FloatArray, sweep: DetectorInput, sensor_height_m: float, method: Method) -> Findings:
     """What a sweep from a vehicle shows: usable points (M, 3), one viewpoint, a road that steering points along."""
     strip = road_strip(points, sensor_height_m, sweep.curvature_per_m)
-    saliency = saliency_map(points) if method == "saliency" else _deviation_saliency(strip, len(points))
-    candidates = strip.in_corridor & (saliency[strip.indices] > (SALIENT if method == "saliency" else 0.0))
+    if method == "saliency":
+        saliency = saliency_map(points)
+        candidates = strip.in_corridor & (saliency[strip.indices] > SALIENT)
+    else:
+        of_strip = _deviation_saliency(strip.deviations.residual_m, strip.deviations.noise_m)
+        saliency = _scatter(of_strip, strip.indices, np.zeros(len(points)))
+        candidates = strip.in_corridor & (of_strip > 0.0)
     found = find_clusters(strip.deviations, candidates, strip.corridor)
     height = height_over_profile(points, sensor_height_m, sweep.curvature_per_m, np.array(strip.corridor.profile))
     obstacles = tuple(
         recognise(points[strip.indices], strip.deviations.residual_m, strip.deviations.noise_m, c)
         for c in found.clusters
     )
-    residual = np.full(len(points), np.nan)
-    residual[strip.indices] = strip.deviations.residual_m
+    residual = _scatter(strip.deviations.residual_m, strip.indices, np.full(len(points), np.nan))
     labels = _labels(points, height, strip, found)
     return Findings(labels, saliency, residual, obstacles, strip.corridor, _sees_road(strip))
 
 
-def _deviation_saliency(strip: Strip, count: int) -> FloatArray:
+@njit(cache=True, nogil=True)
+def _deviation_saliency(residual: FloatArray, noise: FloatArray) -> FloatArray:
     """How many standard deviations a point lies off the road, over the most that counts, in [0, 1]."""
-    saliency = np.zeros(count)
-    deviations = strip.deviations
-    saliency[strip.indices] = np.minimum(np.abs(deviations.residual_m) / (MAX_POINT_SD * deviations.noise_m), 1.0)
+    saliency = np.empty(len(residual))
+    for i in range(len(residual)):
+        saliency[i] = min(abs(residual[i]) / (MAX_POINT_SD * noise[i]), 1.0)
     return saliency
 
 
@@ -97,6 +103,8 @@ def _labels(points: FloatArray, height_m: FloatArray, strip: Strip, found: Found
     )
 
 
+@njit(cache=True, nogil=True)
 def _scatter(values: np.ndarray, indices: IntArray, full: np.ndarray) -> np.ndarray:
-    full[indices] = values
+    for i in range(len(indices)):
+        full[indices[i]] = values[i]
     return full

@@ -103,6 +103,8 @@ def _members(candidates: Candidates) -> IntArray:
 
 def likely(candidates: Candidates, weights: FloatArray, least: float = MIN_CONFIDENCE) -> list[Cluster]:
     """The plausible clusters that a model believes in at least so much; of those that share points the surest."""
+    if not candidates.groups:
+        return []
     sure = confidence(candidates.around, weights)
     chosen = np.flatnonzero(candidates.plausible & (sure >= least))
     taken: set[int] = set()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from numba import njit
 
 from detector.types import FloatArray
 
@@ -23,15 +24,27 @@ def sees_road(along_m: FloatArray, across_m: FloatArray, residual_m: FloatArray)
     `residual_m` (N,) are their heights over the surface fitted to them, which exists for leaves and walls too: of a
     road most of what is near it lies on it, and over some area.
     """
-    near = (along_m > 0.0) & (np.abs(residual_m) < BAND_M)
-    on_road = near & (np.abs(residual_m) < ROAD_BAND_M)
-    if not on_road.any() or on_road.sum() < MIN_SHARE * near.sum():
-        return False
-    return _cells(along_m[on_road], across_m[on_road]) >= MIN_CELLS
+    near, on_road, cells = _counts(along_m, across_m, residual_m)
+    return bool(on_road >= MIN_SHARE * near and cells >= MIN_CELLS)
 
 
-def _cells(along_m: FloatArray, across_m: FloatArray) -> int:
-    """Number of cells that hold a point of a corridor (N,)."""
-    row, column = ((v - v.min()) / CELL_M for v in (along_m, across_m))
-    columns = int(column.max()) + 1
-    return int(np.count_nonzero(np.bincount(row.astype(np.int64) * columns + column.astype(np.int64))))
+@njit(cache=True, nogil=True)
+def _counts(along: FloatArray, across: FloatArray, residual: FloatArray) -> tuple[int, int, int]:
+    """Points ahead near the road's surface, those on it, and the number of cells that hold one of these."""
+    near, on_road, chosen = 0, 0, np.empty(len(along), dtype=np.int64)
+    for i in range(len(along)):
+        if along[i] > 0.0 and abs(residual[i]) < BAND_M:
+            near += 1
+            if abs(residual[i]) < ROAD_BAND_M:
+                chosen[on_road] = i
+                on_road += 1
+    if on_road == 0:
+        return near, 0, 0
+    chosen = chosen[:on_road]
+    first, right = along[chosen].min(), across[chosen].min()
+    rows = int((along[chosen].max() - first) / CELL_M) + 1
+    columns = int((across[chosen].max() - right) / CELL_M) + 1
+    is_hit = np.zeros((rows, columns), dtype=np.bool_)
+    for i in chosen:
+        is_hit[int((along[i] - first) / CELL_M), int((across[i] - right) / CELL_M)] = True
+    return near, on_road, is_hit.sum()
