@@ -24,7 +24,7 @@ def replay_log(
     """Decide the whole observation log of HEADSUP_DATABASE_URL again, into another database.
 
     The same obstacles come out, with the same ids. Exits with 2 when reports were decided otherwise than the log says:
-    the policy, or the rule, has changed since.
+    the policy, or the rule, has changed since. A replay that fails leaves no file behind.
 
     Examples:
 
@@ -36,22 +36,19 @@ def replay_log(
 
     from headsup.server_commands import policy_in_force, settings_with, with_database
     from server import schema
-    from server.database import Database
     from server.replay import Replayed, replay
+    from server.replay_target import replay_target
 
-    policy = policy_in_force()
+    policy, url = policy_in_force(), settings_with(database_url=into).database_url
     results: list[Replayed] = []
     columns = (SpinnerColumn(), TextColumn("{task.completed:.0f} lines replayed"), TimeElapsedColumn())
     with Progress(*columns, transient=True) as progress:
         task = progress.add_task("replay", total=None)
 
         async def work(source: Database) -> None:
-            target = Database.open(settings_with(database_url=into).database_url)
-            try:
-                await schema.upgrade(target)
+            await schema.check(source)
+            async with replay_target(url) as target:
                 results.append(await replay(source, target, policy, checkpoint, lambda: progress.advance(task)))
-            finally:
-                await target.close()
 
         with_database(work)
     (done,) = results
@@ -76,12 +73,14 @@ def prune_log(
         headsup db prune --checkpoint checkpoints/2026-11-22.jsonl.gz
     """
     from headsup.server_commands import policy_in_force, settings_with, with_database
+    from server import schema
     from server.pruning import prune
 
     times = policy_in_force().times
     keep = timedelta(days=settings_with(retention_days=keep_days).retention_days)
 
     async def work(database: Database) -> None:
+        await schema.check(database)
         done = await prune(database, keep, checkpoint, datetime.now(UTC), times)
         typer.echo(f"{done.checkpointed} rows saved in {checkpoint}, {done.reports} reports deleted")
 

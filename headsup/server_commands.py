@@ -61,7 +61,7 @@ def serve(
     from server.errors import ServiceError, for_operators
     from server.running import run
 
-    settings = settings_with(host=host, port=port, database_url=database_url)
+    settings = serving_settings(host=host, port=port, database_url=database_url)
     try:
         exit_code = run(settings)
     except ServiceError as error:
@@ -135,25 +135,48 @@ def _minute(moment: datetime) -> str:
 
 def settings_with(**options: Any) -> Settings:
     """Settings from the environment and the options given; exits with a line for each that cannot be used."""
-    from pydantic import ValidationError
-
     from server.settings import Settings
 
-    try:
-        return Settings(**{name: value for name, value in options.items() if value is not None})
-    except ValidationError as error:
-        refuse("\n".join(map(_complaint, error.errors())))
+    given = {name: value for name, value in options.items() if value is not None}
+    _refuse_faults(lambda: Settings(**given))
+    return Settings(**given)
+
+
+def serving_settings(**options: Any) -> Settings:
+    """The same for a server, which also needs a policy: what is wrong with that is listed with the rest."""
+    from server.policy_file import policy_of
+    from server.settings import PolicySettings, Settings
+
+    given = {name: value for name, value in options.items() if value is not None}
+    _refuse_faults(lambda: Settings(**given), lambda: policy_of(PolicySettings()))
+    return Settings(**given)
 
 
 def policy_in_force() -> Policy:
     """The policy of the settings; exits with a line when its file cannot be used."""
-    from server.errors import ServiceError
     from server.policy_file import policy_of
+    from server.settings import PolicySettings
 
-    try:
-        return policy_of(settings_with())
-    except ServiceError as error:
-        refuse(str(error))
+    _refuse_faults(lambda: policy_of(PolicySettings()))
+    return policy_of(PolicySettings())
+
+
+def _refuse_faults(*makes: Callable[[], object]) -> None:
+    """Make each, and exit with a line for every fault in any of them."""
+    from pydantic import ValidationError
+
+    from server.errors import ServiceError
+
+    lines: list[str] = []
+    for make in makes:
+        try:
+            make()
+        except ValidationError as error:
+            lines += map(_complaint, error.errors())
+        except ServiceError as error:
+            lines.append(str(error))
+    if lines:
+        refuse("\n".join(dict.fromkeys(lines)))
 
 
 def _complaint(item: Mapping[str, Any]) -> str:

@@ -21,7 +21,7 @@ from contract.geometry import Kind
 from server import policy as policy_module
 from server.errors import ServiceError
 from server.policy import Policy, policy_named
-from server.settings import Settings
+from server.settings import PolicySettings
 
 # Numbers whose bounds are tighter than "not negative"; the drift is what the history of an obstacle looks through.
 _BOUNDS: Mapping[str, tuple[float, float]] = MappingProxyType(
@@ -53,7 +53,7 @@ class PolicyFileError(ServiceError):
     """The policy file cannot be used; the text says where and why."""
 
 
-def policy_of(settings: Settings) -> Policy:
+def policy_of(settings: PolicySettings) -> Policy:
     """The policy that the settings name, with the numbers of their file."""
     policy = policy_named(settings.policy)
     if settings.policy_file is None:
@@ -87,7 +87,7 @@ def as_toml(policy: Policy) -> str:
         lines += ["", f"[{section.name}]"]
         for field in fields(value):
             key, number = _written(field.name, getattr(value, field.name))
-            lines += [f"# {reasons[field.name]}", f"{key} = {number}"]
+            lines += [*(f"# {line.strip()}" for line in reasons[field.name].splitlines()), f"{key} = {number}"]
     return "\n".join(lines[1:]) + "\n"
 
 
@@ -158,7 +158,7 @@ def _written(name: str, value: Any) -> tuple[str, str]:
 
 
 def _reasons(class_name: str) -> dict[str, str]:
-    """The line under each field of a class of `server.policy`, which Python itself does not keep."""
+    """The text under each field of a class of `server.policy`, which Python itself does not keep."""
     return dict(_documented(inspect.getsource(getattr(policy_module, class_name))))
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import logging
 import math
+import os
 import signal
 import socket
 import time
@@ -17,8 +18,7 @@ from fastapi import FastAPI
 from server import logs
 from server.app import create_app
 from server.http_protocol import BoundedHttp, QuietWebSocket
-from server.policy_file import policy_of
-from server.settings import Settings
+from server.settings import Settings, unknown_variables
 from server.startup import preflight
 
 _LOG = logging.getLogger(__name__)
@@ -31,7 +31,8 @@ _MAX_WS_MESSAGE_BYTES = 4_096
 def run(settings: Settings) -> int:
     """Serve until interrupted; the exit code. Raises a `ServiceError` when the server must not start."""
     logs.configure(settings.log_level, settings.log_format)
-    policy_of(settings)
+    for line in unknown_variables(os.environ):
+        _LOG.warning("%s", line)
     asyncio.run(preflight(settings))
     app = create_app(settings)
     server = _Server(listening(app, settings), settings.drain_s, app.state.readiness.end)

@@ -47,8 +47,8 @@ async def current_revision(database: Database) -> str | None:
 async def prepare(database: Database) -> None:
     """Give a fresh SQLite file its schema; refuse any other that is not this version's."""
     async with database.read() as connection:
-        is_empty = await connection.run_sync(_is_empty)
-    if is_empty and database.is_sqlite:
+        is_fresh = await connection.run_sync(is_empty)
+    if is_fresh and database.is_sqlite:
         await upgrade(database)
     await check(database)
 
@@ -87,7 +87,8 @@ def _migrate(connection: Connection, move: Callable[[Config, str], None], revisi
         move(config, revision)
 
 
-def _is_empty(connection: Connection) -> bool:
+def is_empty(connection: Connection) -> bool:
+    """Whether the database has no tables at all."""
     return not inspect(connection).get_table_names()
 
 

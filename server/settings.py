@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import difflib
 import ipaddress
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -15,6 +17,9 @@ from contract.observation import MAX_REPORTS
 from server.logs import LogFormat
 from server.policy import PolicyName
 
+PREFIX = "HEADSUP_"
+# Names a folder of recordings for `headsup demo` and the tests.
+_NOT_OURS = frozenset({"HEADSUP_DATA"})
 _DRIVERS = ("sqlite+aiosqlite", "postgresql+asyncpg")
 # 32 characters of base64 are 192 bits: nothing to guess, and SHA-256 without a salt is safe to store.
 _LEAST_KEY_LENGTH = 32
@@ -22,19 +27,24 @@ _Rate = Annotated[float, Field(gt=0, le=1e9)]
 _Listed = Annotated[tuple[str, ...], NoDecode]
 
 
-class Settings(BaseSettings):
-    """What an operator may set. Every default works on a laptop."""
+class PolicySettings(BaseSettings):
+    """Which numbers the rule runs with."""
 
-    model_config = SettingsConfigDict(env_prefix="HEADSUP_", frozen=True, allow_inf_nan=False)
+    model_config = SettingsConfigDict(env_prefix=PREFIX, frozen=True, allow_inf_nan=False)
+
+    policy: PolicyName = "cooperation"
+    policy_file: Path | None = None
+    """TOML over the policy's numbers: `server.policy_file`."""
+
+
+class Settings(PolicySettings):
+    """What an operator may set. Every default works on a laptop."""
 
     database_url: str = "sqlite+aiosqlite:///headsup.sqlite3"
     host: str = "127.0.0.1"
     port: Annotated[int, Field(ge=0, le=65_535)] = 8000
     bootstrap_operator_key: SecretStr | None = None
 
-    policy: PolicyName = "cooperation"
-    policy_file: Path | None = None
-    """TOML over the policy's numbers: `server.policy_file`."""
     retention_days: Annotated[int, Field(ge=7, le=36_500)] = 90
     """Not below a week: until then a report may be repeated. A quarter shows whether a repair has held."""
 
@@ -136,3 +146,16 @@ class Settings(BaseSettings):
             return not ipaddress.ip_address(self.host).is_loopback
         except ValueError:
             return True
+
+
+def unknown_variables(environment: Iterable[str]) -> list[str]:
+    """A line for each variable that looks like a setting and is none, with the nearest one there is."""
+    known = [name.upper() for name in Settings.model_fields]
+    lines = []
+    for variable in sorted(environment):
+        name = variable.upper().removeprefix(PREFIX)
+        if variable.upper() in _NOT_OURS or name == variable.upper() or name in known:
+            continue
+        near = difflib.get_close_matches(name, known, 1)
+        lines.append(f"{variable} is no setting" + (f": did you mean {PREFIX}{near[0]}?" if near else ""))
+    return lines

@@ -22,6 +22,7 @@ from typer.testing import CliRunner, Result
 from contract.observation import ObservationBatch, ObservationBatchResult
 from headsup import server_commands
 from headsup.policy_command import policy_app
+from tests.integration.serving import served
 from tests.unit.server.making import HOUR, detection, message
 
 MINUTE = r"20\d\d-\d\d-\d\dT\d\d:\d\dZ"
@@ -191,3 +192,32 @@ def test_the_policy_that_is_shown_is_the_one_in_force(
     for refusal in (CliRunner().invoke(policy_app, ["show"]), commands("serve", "--port", "0")):
         assert refusal.exit_code == 1
         assert refusal.stderr.startswith(f"{path}: life.confirming_witness is unknown")
+
+
+def test_faults_of_settings_and_policy_are_listed_together(
+    url: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / "policy.toml"
+    path.write_text("[life]\nconfirming_witnesses = 0\n")
+    for name, value in {"HEADSUP_POLICY_FILE": str(path), "HEADSUP_PORT": "many", "HEADSUP_DRAIN_S": "-1"}.items():
+        monkeypatch.setenv(name, value)
+    told = sorted(commands("serve").stderr.splitlines())
+    assert [line.split(": ")[0] for line in told] == [str(path), "HEADSUP_DRAIN_S", "HEADSUP_PORT"]
+    # Other commands do not need the policy, and this one nothing else.
+    monkeypatch.delenv("HEADSUP_PORT")
+    monkeypatch.delenv("HEADSUP_DRAIN_S")
+    assert commands("keys", "list").exit_code == 0
+    monkeypatch.setenv("HEADSUP_PORT", "many")
+    monkeypatch.delenv("HEADSUP_POLICY_FILE")
+    assert CliRunner().invoke(policy_app, ["show"]).exit_code == 0
+
+
+def test_what_looks_like_a_setting_and_is_none_is_told_with_the_nearest_one(tmp_path: Path) -> None:
+    with served(tmp_path / "headsup.sqlite3", HEADSUP_LOG_FROMAT="json", HEADSUP_XYZZY="1", HEADSUP_DATA="x") as server:
+        pass
+    told = [line.partition(": ")[2] for line in server.log().splitlines() if "server.running" in line]
+    assert told[:-2] == [
+        "HEADSUP_LOG_FROMAT is no setting: did you mean HEADSUP_LOG_FORMAT?",
+        "HEADSUP_XYZZY is no setting",
+    ]
+    assert server.log().count("running open") == 1
