@@ -43,7 +43,8 @@ def peers_beside(venv: Path | None, stock: Stock, report: Report) -> Iterator[li
             return
         started = (_started(peer, python, server, stock, report, stack) for peer in PEERS)
         running = [beside for beside in started if beside is not None]
-        report.note("Peers, on PostgreSQL 15 with PostGIS: " + ", ".join(map(str, running)) + ".")
+        if running:
+            report.note(f"Peers, on PostgreSQL 15 with PostGIS: {', '.join(map(str, running))}.")
         yield running
 
 
