@@ -45,6 +45,6 @@ def _counts(along: FloatArray, across: FloatArray, residual: FloatArray) -> tupl
     rows = int((along[chosen].max() - first) / CELL_M) + 1
     columns = int((across[chosen].max() - right) / CELL_M) + 1
     is_hit = np.zeros((rows, columns), dtype=np.bool_)
-    for i in chosen:
-        is_hit[int((along[i] - first) / CELL_M), int((across[i] - right) / CELL_M)] = True
+    for k in chosen:
+        is_hit[int((along[k] - first) / CELL_M), int((across[k] - right) / CELL_M)] = True
     return near, on_road, is_hit.sum()
