@@ -1,4 +1,7 @@
-"""DENM (ETSI TS 103 831, EN 302 637-3) as JSON: the names and integer units of the standard's ASN.1."""
+"""DENM as JSON: names and integer units of the ASN.1 of its release 1 (ETSI EN 302 637-3), enumerations as numbers.
+
+Release 2 (TS 103 831) calls several fields otherwise, and wants the way to the event (its location container).
+"""
 
 from __future__ import annotations
 
@@ -25,7 +28,7 @@ _ALTITUDE_CONFIDENCE_UNAVAILABLE = 15
 _ROAD_SIDE_UNIT = 15
 _PROTOCOL_VERSION, _MESSAGE_ID = 2, 1
 # A driver at 130 km/h wants ten seconds: `lessThan500m`.
-_AWARENESS_DISTANCE = 3
+_RELEVANCE_DISTANCE = 3
 _ALL_TRAFFIC_DIRECTIONS = 0
 _IS_NEGATION = 1
 
@@ -77,7 +80,7 @@ def _management(feature: ObstacleFeature, action: dict[str, int]) -> dict[str, A
         management["termination"] = _IS_NEGATION
     return management | {
         "eventPosition": _position(feature),
-        "awarenessDistance": _AWARENESS_DISTANCE,
+        "relevanceDistance": _RELEVANCE_DISTANCE,
         "relevanceTrafficDirection": _ALL_TRAFFIC_DIRECTIONS,
         "validityDuration": _validity_s(properties),
         "stationType": _ROAD_SIDE_UNIT,

@@ -35,7 +35,7 @@ RANGES = {
     "detectionTime": (0, 4_398_046_511_103),
     "referenceTime": (0, 4_398_046_511_103),
     "termination": (0, 1),
-    "awarenessDistance": (0, 7),
+    "relevanceDistance": (0, 7),
     "relevanceTrafficDirection": (0, 3),
     "validityDuration": (0, 86_400),
     "stationType": (0, 15),
