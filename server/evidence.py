@@ -34,13 +34,13 @@ def with_sighting(witness: Witness, at: datetime, times: Times) -> Witness:
 def with_witness(obstacle: Obstacle, witness: Witness) -> Obstacle:
     """The obstacle with one witness's evidence replaced."""
     others = tuple(other for other in obstacle.evidence if other.name != witness.name)
-    return replace(obstacle, evidence=(*others, witness))
+    return obstacle._replace(evidence=(*others, witness))
 
 
 def closed_if_outweighed(obstacle: Obstacle) -> Obstacle:
     """Close the run of absences when at least as many witnesses have seen the obstacle since it began."""
     absent, seen = _since_first_absence(obstacle)
-    return replace(obstacle, absent_since=None) if seen >= absent else obstacle
+    return obstacle._replace(absent_since=None) if seen >= absent else obstacle
 
 
 def is_refuted(obstacle: Obstacle, life: Life) -> bool:

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
-from dataclasses import replace
 from itertools import combinations
 from uuid import UUID
 
@@ -31,7 +30,7 @@ def told_apart(seen: Sequence[Obstacle], policy: Matching) -> dict[UUID, Obstacl
             near.setdefault(a.id, set()).add(b.id)
             near.setdefault(b.id, set()).add(a.id)
     return {
-        obstacle.id: replace(obstacle, distinct_from=obstacle.distinct_from | fresh)
+        obstacle.id: obstacle._replace(distinct_from=obstacle.distinct_from | fresh)
         for obstacle in seen
         if (fresh := near.get(obstacle.id, set()) - obstacle.distinct_from)
         and len(obstacle.distinct_from) < _MOST_NEIGHBOURS
@@ -56,8 +55,7 @@ def merged(a: Obstacle, b: Obstacle, policy: Matching) -> tuple[Obstacle, Obstac
         kind: older.kind_votes.get(kind, 0) + younger.kind_votes.get(kind, 0)
         for kind in dict.fromkeys([*older.kind_votes, *younger.kind_votes])
     }
-    survivor = replace(
-        older,
+    survivor = older._replace(
         kind_votes=votes,
         state=State.CONFIRMED if State.CONFIRMED in (older.state, younger.state) else older.state,
         place=_fused(older.place, younger.place, policy),
@@ -70,8 +68,7 @@ def merged(a: Obstacle, b: Obstacle, policy: Matching) -> tuple[Obstacle, Obstac
         witness_count=max(older.witness_count, younger.witness_count),
         distinct_from=(older.distinct_from | younger.distinct_from) - {older.id, younger.id},
     )
-    gone = replace(
-        younger,
+    gone = younger._replace(
         state=State.REMOVED,
         removed_at=survivor.last_seen,
         removed_reason="merged",

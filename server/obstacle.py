@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from datetime import datetime
-from typing import Literal
+from typing import Literal, NamedTuple
 from uuid import UUID
 
 from contract.geometry import Box, BoxSd, Kind, LatLon, PlaneCovariance, Sign
@@ -61,9 +61,10 @@ class Witness:
         return self.seen_at[-1] if self.seen_at else None
 
 
-@dataclass(frozen=True, slots=True)
-class Obstacle:
+class Obstacle(NamedTuple):
     """One obstacle. `version` counts shapes, `revision` every change of a served field.
+
+    A named tuple, since a report makes some seven of them, and a dataclass of so many fields takes ten times as long.
 
     `witness_count` counts all who saw it; `evidence` holds the records that a decision may need: that of the reporting
     witness, and all since `absent_since`, the first open absence. `distinct_from` are obstacles that one vehicle

@@ -28,15 +28,14 @@ def decide(obstacle: Obstacle, deed: OperatorDeed, now: datetime) -> Obstacle:
     Raises `ObstacleRemovedError` when a removed obstacle is to be confirmed.
     """
     after = _after(obstacle, deed, now)
-    return obstacle if after == obstacle else replace(after, revision=obstacle.revision + 1)
+    return obstacle if after == obstacle else after._replace(revision=obstacle.revision + 1)
 
 
 def expired(obstacle: Obstacle, now: datetime, life: Life) -> Obstacle:
     """The obstacle removed when its confidence has decayed below what is worth a warning; else the very same value."""
     if not obstacle.is_live or (moment := expires_at(obstacle, life)) > now:
         return obstacle
-    return replace(
-        obstacle,
+    return obstacle._replace(
         state=State.REMOVED,
         removed_at=moment,
         removed_reason="expired",
@@ -59,21 +58,20 @@ def _after(obstacle: Obstacle, deed: OperatorDeed, now: datetime) -> Obstacle:
         case Confirm():
             return _confirmed(obstacle)
         case Dismiss():
-            return replace(_removed(obstacle, now), inspection_state=InspectionState.NOT_AN_ISSUE)
+            return _removed(obstacle, now)._replace(inspection_state=InspectionState.NOT_AN_ISSUE)
         case Repaired():
-            return replace(_removed(obstacle, now), inspection_state=InspectionState.REPAIRED)
+            return _removed(obstacle, now)._replace(inspection_state=InspectionState.REPAIRED)
         case Inspect(inspection_state=inspection_state):
-            return replace(obstacle, inspection_state=inspection_state)
+            return obstacle._replace(inspection_state=inspection_state)
         case "delete":
-            return replace(_removed(obstacle, now), shape=erased(obstacle.shape))
+            return _removed(obstacle, now)._replace(shape=erased(obstacle.shape))
 
 
 def _confirmed(obstacle: Obstacle) -> Obstacle:
     if not obstacle.is_live:
         raise ObstacleRemovedError("the obstacle was removed and does not come back; a new sighting makes a new one")
     seen = obstacle.inspection_state is InspectionState.OPEN
-    return replace(
-        obstacle,
+    return obstacle._replace(
         state=State.CONFIRMED,
         inspection_state=InspectionState.INSPECTED if seen else obstacle.inspection_state,
     )
@@ -82,4 +80,4 @@ def _confirmed(obstacle: Obstacle) -> Obstacle:
 def _removed(obstacle: Obstacle, now: datetime) -> Obstacle:
     if not obstacle.is_live:
         return obstacle
-    return replace(obstacle, state=State.REMOVED, removed_at=now, removed_reason="operator")
+    return obstacle._replace(state=State.REMOVED, removed_at=now, removed_reason="operator")

@@ -6,7 +6,7 @@ The paper's section on storage and communication, made exact: plausible, known, 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from datetime import datetime
 from enum import StrEnum
 from operator import attrgetter
@@ -237,14 +237,13 @@ class _Reading:
                 verdict.reason,
                 shaping.changed(obstacle, detection, self._at, verdict.new_size),
             )
-        kept = replace(obstacle, references=verdict.references, pending=verdict.pending)
+        kept = obstacle._replace(references=verdict.references, pending=verdict.pending)
         return DecisionKind.KEPT, verdict.reason, shaping.with_fused_box(kept)
 
     def _looked_better(self, detection: Detection, obstacle: Obstacle) -> Obstacle:
         """The obstacle after a better look of the only pass that has seen it: its first measurement is replaced."""
         seen = self._pass_extended(obstacle, evidence.witness_of(obstacle, self._report.witness))
-        better = replace(
-            seen,
+        better = seen._replace(
             place=measured_place(self._report.message.origin, detection),
             shape=shaping.shape_of(detection, max(self._at, obstacle.shape.observed_at)),
             references=(change.measured_size(detection, self._policy.change),),
@@ -262,8 +261,7 @@ class _Reading:
         witness_count = obstacle.witness_count + (0 if witness.seen_at else 1)
         is_confirmed = obstacle.state is State.CONFIRMED or witness_count >= life.confirming_witnesses
         half_life_s = life.half_life_s[obstacle.kind]
-        seen = replace(
-            self._pass_extended(obstacle, witness),
+        seen = self._pass_extended(obstacle, witness)._replace(
             state=State.CONFIRMED if is_confirmed else State.CANDIDATE,
             confidence=evidence.risen(obstacle.confidence, obstacle.as_of, confidence, self._at, half_life_s, life),
             as_of=max(obstacle.as_of, self._at),
@@ -280,11 +278,11 @@ class _Reading:
         # Within the plane of a few metres this is the geodesic, a tenth as dear.
         if math.hypot(*east_north_m(place.position, obstacle.born_at)) > self._policy.matching.greatest_drift_m:
             return obstacle
-        return replace(obstacle, place=place)
+        return obstacle._replace(place=place)
 
     def _voted(self, obstacle: Obstacle, detection: Detection) -> Obstacle:
         votes = obstacle.kind_votes | {detection.kind: obstacle.kind_votes.get(detection.kind, 0) + 1}
-        return replace(obstacle, kind_votes=votes, kind=self._elected(obstacle.kind, votes))
+        return obstacle._replace(kind_votes=votes, kind=self._elected(obstacle.kind, votes))
 
     def _elected(self, kind: Kind, votes: dict[Kind, int]) -> Kind:
         leader = max(votes, key=lambda candidate: votes[candidate])
@@ -319,15 +317,14 @@ class _Reading:
         life = self._policy.life
         witness = replace(evidence.witness_of(obstacle, self._report.witness), absent_at=self._at)
         half_life_s = life.half_life_s[obstacle.kind]
-        missed = replace(
-            evidence.with_witness(obstacle, witness),
+        missed = evidence.with_witness(obstacle, witness)._replace(
             absent_since=obstacle.absent_since or self._at,
             confidence=evidence.sunk(obstacle.confidence, obstacle.as_of, self._at, half_life_s, life),
             as_of=max(obstacle.as_of, self._at),
         )
         if not evidence.is_refuted(missed, life):
             return Decision(Verdict.COUNTED, "missed", index, _revised(obstacle, missed))
-        gone = replace(missed, state=State.REMOVED, removed_at=self._at, removed_reason="absent")
+        gone = missed._replace(state=State.REMOVED, removed_at=self._at, removed_reason="absent")
         return Decision(Verdict.REMOVED, "enough-witnesses", index, _revised(obstacle, gone))
 
     def _doubt_of_absence(self, inspection: Inspection, obstacle: Obstacle) -> str | None:
@@ -361,11 +358,11 @@ class _Reading:
 
 def _revised(before: Obstacle, after: Obstacle) -> Obstacle:
     """The new value with the revision counted up when a served field differs."""
-    return after if _served(before) == _served(after) else replace(after, revision=before.revision + 1)
+    return after if _served(before) == _served(after) else after._replace(revision=before.revision + 1)
 
 
 _UNSERVED = {"evidence", "references", "pending", "absent_since", "kind_votes", "distinct_from"}
-_served = attrgetter(*(field.name for field in fields(Obstacle) if field.name not in _UNSERVED))
+_served = attrgetter(*(name for name in Obstacle._fields if name not in _UNSERVED))
 
 
 def _distrusted(message: ObservationReport) -> list[Decision]:

@@ -24,13 +24,13 @@ def shape_of(detection: Detection, observed_at: datetime) -> Shape:
 def changed(obstacle: Obstacle, detection: Detection, observed_at: datetime, size: Size) -> Obstacle:
     """The next version: box, descriptor and points of this pass, or the mean box of the two passes that confirmed."""
     shape = replace(shape_of(detection, observed_at), box=size.box, box_sd=size.sd)
-    return replace(obstacle, version=obstacle.version + 1, shape=shape, references=(size,), pending=None)
+    return obstacle._replace(version=obstacle.version + 1, shape=shape, references=(size,), pending=None)
 
 
 def with_fused_box(obstacle: Obstacle) -> Obstacle:
     """The obstacle with the mean box of the view it is known best from; that is no new version."""
     best = min(obstacle.references, key=lambda size: size.sd.ln_area)
-    return replace(obstacle, shape=replace(obstacle.shape, box=best.box, box_sd=best.sd))
+    return obstacle._replace(shape=replace(obstacle.shape, box=best.box, box_sd=best.sd))
 
 
 def is_better_look(detection: Detection, obstacle: Obstacle) -> bool:

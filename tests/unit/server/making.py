@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 from datetime import UTC, datetime, timedelta
 from uuid import UUID, uuid5
 
@@ -125,4 +124,4 @@ class Road:
 
     def served(self) -> dict[UUID, Obstacle]:
         """Obstacles without the evidence, which is not served."""
-        return {key: replace(value, evidence=()) for key, value in self.obstacles.items()}
+        return {key: value._replace(evidence=()) for key, value in self.obstacles.items()}

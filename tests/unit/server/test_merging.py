@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from datetime import timedelta
 
 from hypothesis import given
@@ -93,8 +92,8 @@ def test_a_merge_loses_nothing_and_does_not_depend_on_the_order(
     apart_m: float, a_sightings: int, b_sightings: int, a_confidence: float, b_confidence: float
 ) -> None:
     a, b = _pair(apart_m)
-    a = replace(a, sightings=a_sightings, confidence=a_confidence)
-    b = replace(b, sightings=b_sightings, confidence=b_confidence)
+    a = a._replace(sightings=a_sightings, confidence=a_confidence)
+    b = b._replace(sightings=b_sightings, confidence=b_confidence)
     survivor, gone = merging.merged(a, b, MATCHING)
     assert merging.merged(b, a, MATCHING) == (survivor, gone)
     assert (survivor.id, gone.merged_into) == (min(a.id, b.id), min(a.id, b.id))

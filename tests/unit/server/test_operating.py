@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from datetime import timedelta
 
 import pytest
@@ -89,7 +88,7 @@ def test_only_deleting_erases_what_was_measured() -> None:
 
 
 def test_a_removed_obstacle_is_not_confirmed_and_keeps_why_it_went() -> None:
-    absent = replace(candidate(), state=State.REMOVED, removed_at=NOON - timedelta(minutes=5), removed_reason="absent")
+    absent = candidate()._replace(state=State.REMOVED, removed_at=NOON - timedelta(minutes=5), removed_reason="absent")
     with pytest.raises(ObstacleRemovedError):
         decide(absent, CONFIRM, NOON)
     dismissed = decide(absent, DISMISS, NOON)

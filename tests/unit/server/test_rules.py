@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 from datetime import timedelta
 from uuid import UUID
 
@@ -81,7 +80,7 @@ def test_the_order_of_two_reports_about_different_obstacles_does_not_matter(
 
 
 def _without_ids(road: Road) -> list:
-    plain = [replace(o, id=UUID(int=0)) for o in road.obstacles.values()]
+    plain = [o._replace(id=UUID(int=0)) for o in road.obstacles.values()]
     return sorted(plain, key=lambda o: (o.place.position.latitude_deg, o.place.position.longitude_deg))
 
 

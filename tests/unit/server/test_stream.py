@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-from dataclasses import replace
 
 from contract.events import Appeared, Position, Removed, ServerMessage, Snapshot, Updated
 from contract.geometry import LatLon
@@ -62,7 +61,7 @@ async def test_only_the_latest_revision_of_each_obstacle_waits() -> None:
     subscription.offer(place.changed(hole))
     await settled()
     for revision in range(2, 50):
-        subscription.offer(place.changed(replace(hole, revision=revision)))
+        subscription.offer(place.changed(hole._replace(revision=revision)))
     place.reads.set()
     await settled()
     running.cancel()
@@ -75,10 +74,10 @@ async def test_an_older_revision_is_not_sent_after_a_newer_one() -> None:
     place, (hole,) = Place(), holes(1)
     subscription = Subscription(place.near, place.send)
     running = asyncio.create_task(subscription.run())
-    place.changed(replace(hole, revision=5))
+    place.changed(hole._replace(revision=5))
     subscription.move(HERE)
     await settled()
-    subscription.offer(event_of(replace(hole, revision=4), COOPERATION.life))
+    subscription.offer(event_of(hole._replace(revision=4), COOPERATION.life))
     await settled()
     running.cancel()
     assert [type(message) for message in place.heard] == [Snapshot]
@@ -116,7 +115,7 @@ async def test_a_removal_is_told_to_those_who_knew_the_obstacle_only() -> None:
     for subscription in subscriptions:
         subscription.move(HERE)
     await settled()
-    gone = replace(hole, revision=2, removed_at=NOON, removed_reason="absent")
+    gone = hole._replace(revision=2, removed_at=NOON, removed_reason="absent")
     for subscription in subscriptions:
         subscription.offer(event_of(gone, COOPERATION.life))
     await settled()
