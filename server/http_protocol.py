@@ -1,6 +1,6 @@
 """uvicorn's two protocols with what they lack: bounds on a request's head, on its time, and on refused handshakes.
 
-The parser is httptools as before; counting costs a request about a microsecond. h11 has such a bound, and is several
+The parser is httptools as before; counting costs a request some two microseconds. h11 has such a bound, and is several
 times slower.
 """
 
