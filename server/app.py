@@ -22,7 +22,7 @@ from server.endpoints import Parts
 from server.keys import Keys
 from server.metrics import Metrics, RequestCounts
 from server.nearby import Nearby
-from server.nearby_route import NearbyRoute
+from server.nearby_route import NearbyLane
 from server.operators import Operators
 from server.policy_file import policy_of
 from server.readiness import Readiness
@@ -60,7 +60,6 @@ def create_app(settings: Settings) -> FastAPI:
     app.state.settings, app.state.readiness = settings, Readiness()
     _wrap(app, settings, counts)
     errors.install(app)
-    app.router.routes.append(NearbyRoute())
     for router in endpoints.ROUTERS:
         app.include_router(router)
     return app
@@ -69,6 +68,7 @@ def create_app(settings: Settings) -> FastAPI:
 def _wrap(app: FastAPI, settings: Settings, counts: RequestCounts) -> None:
     """Layers around the routes; the last one added is the outermost."""
     app.add_middleware(BodyLimit, limit_bytes=MAX_BODY_BYTES)
+    app.add_middleware(NearbyLane)
     if settings.cors_origins:
         app.add_middleware(
             CORSMiddleware,

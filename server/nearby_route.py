@@ -1,22 +1,23 @@
 """`GET /v1/obstacles` as every vehicle asks it all the time, answered with encoded features from memory.
 
-Only a plain circle in the default format comes here, parsed by hand: a typed route takes longer for its parameters
-than the search does. Everything else, and every faulty request, is for the typed route behind it
+Only a plain circle in the default format is answered here, parsed by hand and before the framework's routing, which
+takes longer than the search does. Everything else, and every faulty request, is for the typed route
 (`server.reader_endpoints`), whose answers have the same bytes.
 """
 
 from __future__ import annotations
 
+from collections.abc import Awaitable
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from typing import TYPE_CHECKING
 
 from starlette.requests import Request
-from starlette.routing import BaseRoute, Match
-from starlette.types import Receive, Scope, Send
+from starlette.types import ASGIApp, Receive, Scope, Send
 
 from contract.geometry import LatLon
 from server import collection, representation
+from server.errors import ServiceError, problem_of
 from server.formats.names import FormatName
 from server.formats.registry import GEOJSON
 from server.nearby import GREATEST_RADIUS_M
@@ -26,7 +27,6 @@ if TYPE_CHECKING:
     from server.dependencies import Parts
 
 _PATH = "/v1/obstacles"
-_ASKED, _TOO_MANY = "headsup.nearby", "headsup.nearby.too_many"
 _ANY = (b"*/*", GEOJSON.encode())
 _NAMES = {b"lat", b"lon", b"radius_m", b"limit"}
 
@@ -40,35 +40,36 @@ class Asked:
     limit: int
 
 
-class NearbyRoute(BaseRoute):
-    """Matches plain requests only; must stand before the typed route."""
+class NearbyLane:
+    """ASGI middleware that answers plain circles of one page, and hands on all else."""
 
-    path = _PATH
+    def __init__(self, app: ASGIApp) -> None:
+        self._app = app
 
-    def matches(self, scope: Scope) -> tuple[Match, Scope]:
-        """A match with the parsed request, or none."""
-        if scope["type"] != "http" or scope["method"] != "GET" or scope["path"] != _PATH or _TOO_MANY in scope:
-            return Match.NONE, {}
+    def __call__(self, scope: Scope, receive: Receive, send: Send) -> Awaitable[None]:
+        """Serve one request or socket."""
+        if scope["type"] != "http" or scope["method"] != "GET" or scope["path"] != _PATH or not _takes_geojson(scope):
+            return self._app(scope, receive, send)
         asked = parsed(scope["query_string"])
-        if asked is None or not _takes_geojson(scope):
-            return Match.NONE, {}
-        return Match.FULL, {_ASKED: asked, "route": self}
+        return self._app(scope, receive, send) if asked is None else self._serve(asked, scope, receive, send)
 
-    async def handle(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Answer; a circle with more than one page goes on to the typed route."""
+    async def _serve(self, asked: Asked, scope: Scope, receive: Receive, send: Send) -> None:
         request = Request(scope, receive)
         parts: Parts = scope["app"].state.parts
-        asked: Asked = scope[_ASKED]
-        await parts.admission.caller(request)
-        found = await parts.nearby.within(asked.centre, asked.radius_m, datetime.now(UTC))
-        if len(found) > asked.limit:
-            await scope["router"]({**scope, _TOO_MANY: True}, receive, send)
+        try:
+            await parts.admission.caller(request)
+            found = await parts.nearby.within(asked.centre, asked.radius_m, datetime.now(UTC))
+        except ServiceError as error:
+            await problem_of(error)(scope, receive, send)
             return
-        tag = collection.tag((item.mark for item in found), FormatName.GEOJSON, [])
+        if len(found) > asked.limit:
+            await self._app(scope, receive, send)
+            return
+        tag = collection.tag([mark for _, mark, *_ in found], FormatName.GEOJSON, [])
         if representation.holds(request, tag):
             response = representation.unchanged(tag)
         else:
-            body = collection.joined([item.body for item in found])
+            body = collection.joined([body for _, _, body, *_ in found])
             response = representation.answer(request, body, GEOJSON, tag)
         await response(scope, receive, send)
 

@@ -40,7 +40,9 @@ def unchanged(tag: str, links: Sequence[Link] = ()) -> Response:
 
 def holds(request: Request, tag: str) -> bool:
     """Whether `If-None-Match` names the tag, by weak comparison (RFC 9110, 13.1.2)."""
-    header = request.headers.get("if-none-match", "")
+    header = request.headers.get("if-none-match")
+    if header is None:
+        return False
     return header.strip() == "*" or _opaque(tag) in [_opaque(item.strip()) for item in header.split(",")]
 
 

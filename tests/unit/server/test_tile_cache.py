@@ -28,7 +28,7 @@ def on_ring(centre: LatLon, azimuth_rad: float, radius_m: float) -> LatLon:
 
 
 def number_of(item: Found) -> int:
-    return int.from_bytes(item.mark[:16])
+    return int.from_bytes(item[1][:16])
 
 
 @given(places, st.lists(st.tuples(st.floats(-2500, 2500), st.floats(-2500, 2500)), max_size=20), st.floats(1, 2000))
@@ -38,7 +38,7 @@ def test_what_lies_within_a_radius_is_what_the_geodesic_says(
 ) -> None:
     around = [offset_from(centre, east_m, north_m) for east_m, north_m in offsets_m]
     tile = TileFeatures(1, [served(number, place) for number, place in enumerate(around)])
-    found = {number_of(item): item.distance_m for item in tile.within(centre, radius_m, NOW_US)}
+    found = {number_of(item): item[0] for item in tile.within(centre, radius_m, NOW_US)}
     wanted = {n: distance_m(place, centre) for n, place in enumerate(around) if distance_m(place, centre) <= radius_m}
     assert found == pytest.approx(wanted, rel=1e-5, abs=1e-6)
 
