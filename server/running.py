@@ -73,7 +73,7 @@ class _Server(uvicorn.Server):
     async def startup(self, sockets: list[socket.socket] | None = None) -> None:
         await super().startup(sockets)
         if self.started:
-            # What is there by now stays: looking at all of it in each full round of the collector stopped every request.
+            # What is there by now stays: a full round of the collector looked at all of it, and every request waited.
             gc.collect()
             gc.freeze()
             host, port = self.servers[0].sockets[0].getsockname()[:2]
