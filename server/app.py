@@ -26,11 +26,13 @@ from server.nearby_route import NearbyLane
 from server.operators import Operators
 from server.policy_file import policy_of
 from server.readiness import Readiness
+from server.relay import Relay
 from server.repository import Repository
 from server.service import Service
 from server.settings import Settings
 from server.startup import make_ready
 from server.stream import Hub
+from server.tile_reader import TileReader
 from server.upkeep import Upkeep
 
 _LOG = logging.getLogger(__name__)
@@ -46,7 +48,8 @@ def create_app(settings: Settings) -> FastAPI:
         try:
             app.state.parts = await _parts(database, settings)
             app.state.metrics = Metrics(app.state.parts, counts)
-            async with app.state.parts.service.running(), _background(app.state.parts.upkeep.run()):
+            parts: Parts = app.state.parts
+            async with parts.service.running(), _background(parts.upkeep.run()), _background(parts.relay.run()):
                 yield
         finally:
             await database.close()
@@ -103,4 +106,5 @@ async def _parts(database: Database, settings: Settings) -> Parts:
         database, policy, secret, settings.write_deadline_s, hub.publish, distrusted=lambda: upkeep.distrusted
     )
     nearby = Nearby(database, policy.life, settings.cache_mib << 20)
-    return Parts(database, keys, Admission(keys, settings), service, hub, policy.life, operators, nearby, upkeep)
+    relay = Relay(database, TileReader(database, policy.life), hub, service.near)
+    return Parts(database, keys, Admission(keys, settings), service, hub, policy.life, operators, nearby, upkeep, relay)

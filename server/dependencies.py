@@ -18,6 +18,7 @@ from server.keys import Caller, Keys, Role
 from server.nearby import Nearby
 from server.operators import Operators
 from server.policy import Life
+from server.relay import Relay
 from server.service import Service
 from server.stream import Hub
 from server.upkeep import Upkeep
@@ -49,6 +50,7 @@ class Parts:
     operators: Operators
     nearby: Nearby
     upkeep: Upkeep
+    relay: Relay
 
 
 def _parts(request: Request) -> Parts:

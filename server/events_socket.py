@@ -58,7 +58,7 @@ async def _converse(socket: WebSocket, parts: Parts, caller: Caller) -> None:
             text = await _newest(socket, partial(parts.admission.position_wait_s, caller))
             subscription.move(Position.model_validate_json(text))
 
-    subscription = Subscription(parts.service.near, send)
+    subscription = Subscription(parts.relay.near, send)
     hub.add(subscription)
     tasks = {
         asyncio.create_task(receive()),

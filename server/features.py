@@ -23,6 +23,19 @@ class ObstacleEvent:
     removed_reason: RemovalReason | None
     merged_into: UUID | None
 
+    @staticmethod
+    def of(feature: ObstacleFeature) -> ObstacleEvent:
+        """The event that tells of a feature as it was logged."""
+        properties = feature.properties
+        return ObstacleEvent(
+            obstacle_id=feature.id,
+            revision=properties.revision,
+            position=feature.position,
+            feature=feature,
+            removed_reason=properties.removed_reason,
+            merged_into=properties.merged_into,
+        )
+
 
 def feature_of(obstacle: Obstacle, life: Life) -> ObstacleFeature:
     """An obstacle as a GeoJSON feature."""
@@ -55,11 +68,4 @@ def feature_of(obstacle: Obstacle, life: Life) -> ObstacleFeature:
 
 def event_of(obstacle: Obstacle, life: Life) -> ObstacleEvent:
     """The event that tells of an obstacle's latest revision."""
-    return ObstacleEvent(
-        obstacle_id=obstacle.id,
-        revision=obstacle.revision,
-        position=obstacle.place.position,
-        feature=feature_of(obstacle, life),
-        removed_reason=obstacle.removed_reason,
-        merged_into=obstacle.merged_into,
-    )
+    return ObstacleEvent.of(feature_of(obstacle, life))

@@ -7,6 +7,7 @@ is resynchronised by a snapshot, and delays nobody.
 from __future__ import annotations
 
 import asyncio
+from collections import OrderedDict
 from collections.abc import Awaitable, Callable
 from uuid import UUID
 
@@ -21,6 +22,8 @@ from server.geodesy import is_within
 LEAVING_RATIO = 1.2
 # More changes than a busy city street has within 2 km while a packet is lost.
 _QUEUE_LIMIT = 256
+# Events of some ten seconds at full load: the log tells each once more within one.
+_REMEMBERED = 65_536
 
 Near = Callable[[LatLon, float], Awaitable[tuple[ObstacleFeature, ...]]]
 Send = Callable[[ServerMessage], Awaitable[None]]
@@ -31,6 +34,7 @@ class Hub:
 
     def __init__(self) -> None:
         self._subscriptions: set[Subscription] = set()
+        self._published: OrderedDict[UUID, int] = OrderedDict()
         self.counts = PushCounts()
 
     def add(self, subscription: Subscription) -> None:
@@ -41,8 +45,23 @@ class Hub:
         """Stop it."""
         self._subscriptions.discard(subscription)
 
+    def areas(self) -> list[Position]:
+        """Where the connected vehicles are, and where they are moving to."""
+        return [area for subscription in self._subscriptions for area in subscription.areas()]
+
+    def resynchronise(self) -> None:
+        """Send everybody all that is around them: events were missed."""
+        for subscription in self._subscriptions:
+            subscription.resynchronise()
+
     def publish(self, event: ObstacleEvent) -> None:
-        """Offer an event to every connection; never waits."""
+        """Offer an event to every connection, once; never waits."""
+        if event.revision <= self._published.get(event.obstacle_id, 0):
+            return
+        self._published[event.obstacle_id] = event.revision
+        self._published.move_to_end(event.obstacle_id)
+        if len(self._published) > _REMEMBERED:
+            self._published.popitem(last=False)
         self.counts.published[event.removed_reason or "changed"] += 1
         for subscription in self._subscriptions:
             subscription.offer(event)
@@ -75,6 +94,15 @@ class Subscription:
         if len(self._queue) > _QUEUE_LIMIT:
             self._queue.clear()
             self._needs_snapshot = True
+        self._wake.set()
+
+    def areas(self) -> list[Position]:
+        """The area, and the one being moved to."""
+        return [area for area in (self._area, self._wanted) if area is not None]
+
+    def resynchronise(self) -> None:
+        """Send everything in the area."""
+        self._needs_snapshot = True
         self._wake.set()
 
     async def run(self) -> None:
@@ -149,8 +177,4 @@ class Subscription:
     def _concerns(self, event: ObstacleEvent) -> bool:
         if event.obstacle_id in self._known:
             return True
-        return any(
-            is_within(event.position, area.position, area.radius_m)
-            for area in (self._area, self._wanted)
-            if area is not None
-        )
+        return any(is_within(event.position, area.position, area.radius_m) for area in self.areas())

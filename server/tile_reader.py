@@ -36,7 +36,7 @@ _LIVE = select(_obstacle).where(
     _obstacle.c.expires_at > bindparam("now", type_=_obstacle.c.expires_at.type),
 )
 _CHANGES = (
-    select(_event.c.seq, _event.c.obstacle_id, _event.c.body)
+    select(_event.c.seq, _event.c.body)
     .where(_event.c.shard == bindparam("shard"), _event.c.tile == bindparam("tile"), _event.c.seq > bindparam("after"))
     .order_by(_event.c.seq)
     .limit(_MOST_CHANGES + 1)
@@ -76,12 +76,17 @@ class TileReader:
 
     async def changes(self, tile: int, after: int) -> list[TileChange] | None:
         """What changed in a tile after a version; None when that is too much, or no longer in the log."""
+        logged = await self.logged(tile, after)
+        return None if logged is None else [_change(tile, seq, body) for seq, body in logged]
+
+    async def logged(self, tile: int, after: int) -> list[tuple[int, str]] | None:
+        """The same as lines of the log: number and encoded feature."""
         async with self._database.read() as connection:
             values = {"shard": shard_of_tile(tile), "tile": tile, "after": after}
             found = (await connection.execute(_CHANGES, values)).all()
         if not found or len(found) > _MOST_CHANGES or found[0].seq != after + 1:
             return None
-        return [TileChange(row.seq, row.obstacle_id.bytes, _still_served(tile, row.body)) for row in found]
+        return [(row.seq, row.body) for row in found]
 
     def _served(self, row: RowMapping) -> Served:
         body = row["feature"]
@@ -96,10 +101,11 @@ class TileReader:
         )
 
 
-def _still_served(tile: int, body: str) -> Served | None:
+def _change(tile: int, seq: int, body: str) -> TileChange:
     feature = ObstacleFeature.model_validate_json(body)
     is_here = tile_of_cell(cell_of(feature.position)) == tile
-    return _served(feature, body) if is_here and feature.properties.state is not State.REMOVED else None
+    is_served = is_here and feature.properties.state is not State.REMOVED
+    return TileChange(seq, feature.id.bytes, _served(feature, body) if is_served else None)
 
 
 def _served(feature: ObstacleFeature, body: str) -> Served:
