@@ -43,6 +43,8 @@ class Asked:
 class NearbyLane:
     """ASGI middleware that answers plain circles of one page, and hands on all else."""
 
+    path = _PATH
+
     def __init__(self, app: ASGIApp) -> None:
         self._app = app
 
@@ -54,6 +56,8 @@ class NearbyLane:
         return self._app(scope, receive, send) if asked is None else self._serve(asked, scope, receive, send)
 
     async def _serve(self, asked: Asked, scope: Scope, receive: Receive, send: Send) -> None:
+        # Where the framework notes the route, for whoever counts.
+        scope["route"] = self
         request = Request(scope, receive)
         parts: Parts = scope["app"].state.parts
         try:

@@ -28,9 +28,9 @@ def place_of(report: ObservationReport, observed_at: datetime) -> LastPlace:
 
 
 def is_too_fast(before: LastPlace, now: LastPlace, limits: Plausibility) -> bool:
-    """Whether no vehicle can have been at both places, at either order of their times."""
+    """Whether no vehicle can have been at both places, at either order of times; never with an infinite limit."""
     seconds = abs((now.observed_at - before.observed_at).total_seconds())
-    if seconds > limits.speed_window_s:
+    if seconds > limits.speed_window_s or math.isinf(limits.greatest_speed_mps):
         return False
     errors_m = 3 * math.hypot(before.sd_m, now.sd_m) + limits.speed_slack_m
     return not is_within(before.position, now.position, errors_m + limits.greatest_speed_mps * seconds)
