@@ -5,11 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 from uuid import UUID
 
+from sqlalchemy import RowMapping
+
 from contract.geometry import LatLon
 from contract.obstacle import ObstacleFeature, ObstacleProperties, PointGeometry
 from server.obstacle import Obstacle, RemovalReason
 from server.policy import Life
-from server.rows import expires_at
+from server.rows import expires_at, obstacle_of
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,6 +66,14 @@ def feature_of(obstacle: Obstacle, life: Life) -> ObstacleFeature:
         inspection_state=obstacle.inspection_state,
     )
     return ObstacleFeature(id=obstacle.id, geometry=PointGeometry.at(obstacle.place.position), properties=properties)
+
+
+def stored_feature(row: RowMapping, life: Life) -> ObstacleFeature:
+    """An obstacle as a GeoJSON feature from its row, whose text was made when it last changed."""
+    text = row["feature"]
+    if text is None:
+        return feature_of(obstacle_of(row), life)
+    return ObstacleFeature.model_validate_json(text)
 
 
 def event_of(obstacle: Obstacle, life: Life) -> ObstacleEvent:

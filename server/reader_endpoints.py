@@ -17,7 +17,6 @@ from server.around import Circle, Key
 from server.cursors import cursor_of, position_of
 from server.dependencies import REFUSALS, CallerNow, Parts, PartsNow, bearer, once_each, refusals
 from server.errors import ObstacleNotFoundError, VersionNotFoundError
-from server.features import feature_of
 from server.formats.names import FormatName
 from server.formats.registry import FORMATS, GEOJSON, Format, chosen
 from server.obstacle import Obstacle
@@ -174,7 +173,7 @@ async def _searched(parts: Parts, query: ObstacleQuery) -> tuple[Features, Key |
             page = await search.around(area, query.filters, after, query.limit)
         else:
             page = await search.inside(area, query.filters, after, query.limit)
-    return tuple(feature_of(obstacle, parts.life) for obstacle in page.obstacles), page.more_behind
+    return page.features, page.more_behind
 
 
 async def _stored(repository: Repository, identifier: UUID) -> Obstacle:

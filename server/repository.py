@@ -14,8 +14,10 @@ from sqlalchemy.sql.dml import Insert
 
 from contract.geometry import LatLon
 from contract.observation import State
+from contract.obstacle import ObstacleFeature
 from server import candidates, rows, tables
 from server.candidates import Asked
+from server.features import stored_feature
 from server.identity import shard_of_id
 from server.obstacle import Obstacle
 from server.plausibility import LastPlace
@@ -66,12 +68,12 @@ class Repository:
         """All obstacles that reports could concern, removed ones too, with the evidence that decisions may need."""
         return WorkingSet(held, *await candidates.read(self._connection, asked), self._life)
 
-    async def near(self, centre: LatLon, radius_m: float, now: datetime) -> tuple[Obstacle, ...]:
+    async def near(self, centre: LatLon, radius_m: float, now: datetime) -> tuple[ObstacleFeature, ...]:
         """Live obstacles in the cells of a circle (a little more than the circle) that have not expired."""
         table = tables.obstacle
         is_served = and_(table.c.state != State.REMOVED.value, table.c.expires_at > now)
         inside = _in_cells(cover(centre, radius_m))
-        return tuple(map(rows.obstacle_of, await self._obstacle_rows(inside, is_served)))
+        return tuple(stored_feature(row, self._life) for row in await self._obstacle_rows(inside, is_served))
 
     async def obstacle(self, identifier: UUID) -> Obstacle | None:
         """An obstacle by id, also a removed one."""

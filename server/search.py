@@ -16,11 +16,12 @@ from sqlalchemy.ext.asyncio import AsyncConnection
 
 from contract.geometry import Kind
 from contract.observation import State
-from server import rows, tables
+from contract.obstacle import ObstacleFeature
+from server import tables
 from server.around import Circle, Key, nearest
 from server.bounds import Bounds
+from server.features import stored_feature
 from server.identity import shard_of_id
-from server.obstacle import Obstacle
 from server.policy import Life
 from server.quadkey import CELL_ZOOM, Ranges, cover
 from server.query import Filters
@@ -36,7 +37,7 @@ _NARROW_CELLS = 4 ** (CELL_ZOOM - 9)
 class Page:
     """Obstacles in order, and the last one's key when more follow."""
 
-    obstacles: tuple[Obstacle, ...]
+    features: tuple[ObstacleFeature, ...]
     more_behind: Key | None = None
 
 
@@ -68,8 +69,8 @@ class Search:
             query = query.where(tuple_(shard, _TABLE.c.id) > (shard_of_id(after.id), after.id))
         query = query.order_by(shard, _TABLE.c.id).limit(limit + 1)
         found = (await self._connection.execute(query)).mappings().all()
-        obstacles = await asyncio.to_thread(_obstacles, found[:limit])
-        return Page(obstacles, Key(0.0, obstacles[-1].id) if len(found) > limit else None)
+        features = await asyncio.to_thread(_features, found[:limit], self._life)
+        return Page(features, Key(0.0, features[-1].id) if len(found) > limit else None)
 
     async def count(self, bounds: Bounds, filters: Filters) -> int:
         """How many obstacles all pages of a box hold."""
@@ -83,13 +84,14 @@ class Search:
         # In a thread: thousands of geodesics must not hold up those who ask for what is near.
         return await asyncio.to_thread(_nearest, circle, found, after, limit)
 
-    async def _whole(self, identifiers: Sequence[UUID]) -> tuple[Obstacle, ...]:
+    async def _whole(self, identifiers: Sequence[UUID]) -> tuple[ObstacleFeature, ...]:
         if not identifiers:
             return ()
         shards = sorted(set(map(shard_of_id, identifiers)))
         query = select(_TABLE).where(_TABLE.c.shard.in_(shards), _TABLE.c.id.in_(identifiers))
         found = {row["id"]: row for row in (await self._connection.execute(query)).mappings()}
-        return await asyncio.to_thread(_obstacles, [found[item] for item in identifiers if item in found])
+        whole = [found[item] for item in identifiers if item in found]
+        return await asyncio.to_thread(_features, whole, self._life)
 
     def _conditions(self, filters: Filters) -> list[ColumnElement[bool]]:
         conditions = [self._in_state(filters.states)]
@@ -119,8 +121,8 @@ class Search:
         return and_(_TABLE.c.kind == kind.value, _TABLE.c.expires_at >= self._now + timedelta(seconds=seconds))
 
 
-def _obstacles(found: Sequence[RowMapping]) -> tuple[Obstacle, ...]:
-    return tuple(map(rows.obstacle_of, found))
+def _features(found: Sequence[RowMapping], life: Life) -> tuple[ObstacleFeature, ...]:
+    return tuple(stored_feature(row, life) for row in found)
 
 
 def _nearest(circle: Circle, found: Sequence[Row[UUID, float, float]], after: Key | None, limit: int) -> list[Key]:

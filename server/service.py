@@ -71,9 +71,8 @@ class Service:
         """Live obstacles within `radius_m` (geodesic) of a place, nearest first."""
         async with self._database.read() as connection:
             found = await Repository(connection, self._policy.life).near(centre, radius_m, datetime.now(UTC))
-        by_distance = sorted((distance_m(item.place.position, centre), index) for index, item in enumerate(found))
-        inside = [found[index] for apart_m, index in by_distance if apart_m <= radius_m]
-        return tuple(feature_of(obstacle, self._policy.life) for obstacle in inside[:limit])
+        by_distance = sorted((distance_m(item.position, centre), index) for index, item in enumerate(found))
+        return tuple(found[index] for apart_m, index in by_distance if apart_m <= radius_m)[:limit]
 
     async def obstacle(self, identifier: UUID) -> ObstacleFeature:
         """One obstacle, also a removed one."""

@@ -122,14 +122,16 @@ async def get_items(
         page = await search.inside(query.bounds, query.filters, query.after(), query.limit)
         matched = await search.count(query.bounds, query.filters) if query.count else None
     links = documents.items_links(base, _address(request, base), _next_address(request, base, query, page))
-    tag = collection.tag((collection.mark_of(item.id, item.revision) for item in page.obstacles), matched, links)
+    tag = collection.tag(
+        (collection.mark_of(item.id, item.properties.revision) for item in page.features), matched, links
+    )
     if representation.holds(request, tag):
         return representation.unchanged(tag)
     items = Items(
-        features=tuple(features.item(feature_of(item, parts.life)) for item in page.obstacles),
+        features=tuple(map(features.item, page.features)),
         links=links,
         timeStamp=now,
-        numberReturned=len(page.obstacles),
+        numberReturned=len(page.features),
         numberMatched=matched,
     )
     body = items.model_dump_json(exclude=None if query.count else {"numberMatched"}).encode()
