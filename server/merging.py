@@ -55,10 +55,13 @@ def merged(a: Obstacle, b: Obstacle, policy: Matching) -> tuple[Obstacle, Obstac
         kind: older.kind_votes.get(kind, 0) + younger.kind_votes.get(kind, 0)
         for kind in dict.fromkeys([*older.kind_votes, *younger.kind_votes])
     }
+    place = _fused(older.place, younger.place, policy)
     survivor = older._replace(
+        # As for a sighting: what was badly known drifts from here.
+        born_at=place.position if older.place.variances_m2 > policy.well_known_sd_m**2 else older.born_at,
         kind_votes=votes,
         state=State.CONFIRMED if State.CONFIRMED in (older.state, younger.state) else older.state,
-        place=_fused(older.place, younger.place, policy),
+        place=place,
         confidence=max(older.confidence, younger.confidence),
         as_of=max(older.as_of, younger.as_of),
         first_seen=min(older.first_seen, younger.first_seen),

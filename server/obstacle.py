@@ -24,6 +24,11 @@ class Place:
     altitude_m: float
     altitude_sd_m: float
 
+    @property
+    def variances_m2(self) -> float:
+        """Sum of the variances along east and north."""
+        return self.covariance.east_m2 + self.covariance.north_m2
+
 
 @dataclass(frozen=True, slots=True)
 class Shape:

@@ -86,7 +86,7 @@ class Matching:
     hypotheses: int = 48
     """Common shifts tried for a report; true ones are among the likeliest few."""
     greatest_drift_m: float = 20.0
-    """A refined position stays this close to the first, so that the tiles locked by a report suffice."""
+    """A refined position stays this close to where it was first well known: what many see does not wander off."""
     merging_chi_square: float = 5.991464547107979
     """95 % with 2 degrees of freedom: stricter than the gate, since a merge is not undone."""
     merging_reach_m: float = 50.0
@@ -133,6 +133,8 @@ class Life:
 
     confirming_witnesses: int = 2
     """One vehicle may be wrong, or lie."""
+    confirming_sd_m: float = 10.0
+    """A street's width: whoever knows the place worse may have seen another one."""
     removing_witnesses: int = 2
     """One witness must not remove what others saw."""
     removing_witnesses_per_decade: int = 1

@@ -22,6 +22,7 @@ from server.placing import fused_place, measured_place
 from server.plausibility import detection_rejection
 from server.policy import Policy
 from server.quadkey import cell_of, shard_of_cell
+from server.symmetric import greatest_sd_m
 
 DISTRUSTED = "witness-distrusted"
 """Reason of every decision about a report that is only logged."""
@@ -259,7 +260,10 @@ class _Reading:
         life = self._policy.life
         witness = evidence.witness_of(obstacle, self._report.witness)
         witness_count = obstacle.witness_count + (0 if witness.seen_at else 1)
-        is_confirmed = obstacle.state is State.CONFIRMED or witness_count >= life.confirming_witnesses
+        is_sure_of_the_place = greatest_sd_m(self._report.message.origin.covariance) <= life.confirming_sd_m
+        is_confirmed = obstacle.state is State.CONFIRMED or (
+            is_sure_of_the_place and witness_count >= life.confirming_witnesses
+        )
         half_life_s = life.half_life_s[obstacle.kind]
         seen = self._pass_extended(obstacle, witness)._replace(
             state=State.CONFIRMED if is_confirmed else State.CANDIDATE,
@@ -273,10 +277,13 @@ class _Reading:
         return evidence.closed_if_outweighed(seen)
 
     def _placed(self, obstacle: Obstacle, detection: Detection) -> Obstacle:
-        """The obstacle with its position refined, unless that would drift too far from where it was first seen."""
-        place = fused_place(obstacle.place, self._report.message.origin, detection, self._policy.matching)
+        """The obstacle with its position refined, unless it would drift too far from where it was first well known."""
+        policy = self._policy.matching
+        place = fused_place(obstacle.place, self._report.message.origin, detection, policy)
+        if obstacle.place.variances_m2 > policy.well_known_sd_m**2:
+            return obstacle._replace(place=place, born_at=place.position)
         # Within the plane of a few metres this is the geodesic, a tenth as dear.
-        if math.hypot(*east_north_m(place.position, obstacle.born_at)) > self._policy.matching.greatest_drift_m:
+        if math.hypot(*east_north_m(place.position, obstacle.born_at)) > policy.greatest_drift_m:
             return obstacle
         return obstacle._replace(place=place)
 

@@ -150,8 +150,7 @@ def _outcome(before: Obstacle, after: Obstacle) -> Outcome | None:
 
 
 def _concerns(reach: Reach, obstacle: Obstacle) -> bool:
-    covariance = obstacle.place.covariance
-    return reach.concerns(obstacle.id, obstacle.place.position, covariance.east_m2 + covariance.north_m2)
+    return reach.concerns(obstacle.id, obstacle.place.position, obstacle.place.variances_m2)
 
 
 _id = attrgetter("id")

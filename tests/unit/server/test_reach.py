@@ -27,7 +27,7 @@ def _concerned(reach: Reach, obstacles: list[Obstacle]) -> tuple[Obstacle, ...]:
         item
         for item in obstacles
         if item.id in around
-        and reach.concerns(item.id, item.place.position, item.place.covariance.east_m2 + item.place.covariance.north_m2)
+        and reach.concerns(item.id, item.place.position, item.place.variances_m2)
     )
 
 
