@@ -72,12 +72,15 @@ def prune_log(
 
         headsup db prune --checkpoint checkpoints/2026-11-22.jsonl.gz
     """
-    from headsup.server_commands import policy_in_force, settings_with, with_database
+    from headsup.server_commands import policy_in_force, refuse, settings_with, with_database
     from server import schema
     from server.pruning import prune
 
     times = policy_in_force().times
     keep = timedelta(days=settings_with(retention_days=keep_days).retention_days)
+
+    if checkpoint.exists():
+        refuse(f"{checkpoint} exists: name a file that does not")
 
     async def work(database: Database) -> None:
         await schema.check(database)

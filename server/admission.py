@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ipaddress
+import re
 import time
 from collections import Counter
 from collections.abc import Iterator
@@ -21,6 +22,7 @@ _MOST_ADDRESSES = 10_000
 # An allocation of IPv6 is a /64: counting single addresses would count nothing.
 _IPV6_PREFIX = 64
 _SOCKET_WAIT_S = 10.0
+_HOST = re.compile(r"(?:\[(?P<literal>[^\[\]]*)\]|(?P<name>[^:\[\]]*))(?::\d*)?")
 # Where a request keeps it, since one may go through two routes.
 _CALLER = "headsup.caller"
 
@@ -61,7 +63,7 @@ class Admission:
             caller = await self._looked_up(connection, authorization)
         note_key(caller.key_id)
         if caller.is_anonymous:
-            _must_be_of_this_machine()
+            _must_be_of_this_machine(connection)
         elif wait_s := self._requests[caller.role].take(caller.key_id, time.monotonic()):
             raise self._refusal("requests", wait_s)
         connection.scope[_CALLER] = caller
@@ -122,11 +124,28 @@ _TOO_MANY = {
 }
 
 
-def _must_be_of_this_machine() -> None:
-    """A server without keys listens on loopback; a proxy there would bring it the whole world."""
+def _must_be_of_this_machine(connection: HTTPConnection) -> None:
+    """A server without keys listens on loopback; a proxy there would bring it the whole world.
+
+    So would a web page whose host name is made to lead to this machine (DNS rebinding).
+    """
     context = CURRENT.get()
     if context is not None and context.is_forwarded:
         raise UnauthenticatedError("a server without keys serves its own machine only, not through a proxy: make a key")
+    if not _is_loopback(connection.headers.get("host", "localhost")):
+        raise UnauthenticatedError("a server without keys is asked as localhost or 127.0.0.1 only: make a key")
+
+
+def _is_loopback(host: str) -> bool:
+    """Whether a `Host` (RFC 9110, 7.2) names this machine."""
+    known = _HOST.fullmatch(host)
+    if known is None:
+        return False
+    name = known["literal"] or known["name"]
+    try:
+        return ipaddress.ip_address(name).is_loopback
+    except ValueError:
+        return name.lower() == "localhost"
 
 
 def _network(connection: HTTPConnection) -> str:

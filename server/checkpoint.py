@@ -42,7 +42,8 @@ class CheckpointError(ServiceError):
 async def save(database: Database, path: Path) -> int:
     """Write the state as one snapshot; the number of rows."""
     part = path.with_name(f".{path.name}.part")
-    with part.open("wb") as raw:
+    # Where witnesses were last is nobody else's business on this machine.
+    with os.fdopen(os.open(part, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o600), "wb") as raw:
         with gzip.open(raw, "wt", encoding="utf-8", compresslevel=5) as file:
             file.write(json.dumps({"format": FORMAT, "taken_at": datetime.now(UTC).isoformat()}) + "\n")
             async with database.snapshot() as connection:

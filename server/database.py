@@ -17,7 +17,7 @@ from sqlalchemy.ext.asyncio import AsyncConnection, AsyncEngine, create_async_en
 from sqlalchemy.pool import ConnectionPoolEntry, QueuePool
 
 from server.driver import Driver
-from server.errors import UnavailableError
+from server.errors import StorageError, UnavailableError
 from server.tables import secret
 from server.write_health import WriteHealth, storage_failure
 
@@ -100,10 +100,18 @@ class Database:
 
     @asynccontextmanager
     async def write(self) -> AsyncIterator[AsyncConnection]:
-        """A transaction that commits at the end of the block, or rolls back when it raises."""
-        with self.writes.watched():
-            async with self._writing() as connection:
-                yield connection
+        """A transaction that commits at the end of the block, or rolls back when it raises.
+
+        Raises `StorageError` when the database's storage takes no writes.
+        """
+        try:
+            with self.writes.watched():
+                async with self._writing() as connection:
+                    yield connection
+        except DBAPIError as error:
+            if failure := storage_failure(error):
+                raise StorageError(f"the database takes no writes: {failure}") from error
+            raise
 
     async def probe(self) -> None:
         """Write what leaves nothing behind. Raises `UnavailableError` when the database takes no writes."""

@@ -79,6 +79,10 @@ class UnavailableError(ServiceError):
     """The database did not take the write in time; the same request may be repeated."""
 
 
+class StorageError(UnavailableError):
+    """The database takes no writes before somebody has made room, or mended its disk: there is no use in waiting."""
+
+
 class SchemaOutOfDateError(ServiceError):
     """The database's schema is not this version's."""
 
@@ -117,6 +121,7 @@ _PROBLEMS: dict[type[ServiceError], _Problem] = {
     BodyTooSlowError: _Problem("body-too-slow", HTTPStatus.REQUEST_TIMEOUT, {}),
     TooManyRequestsError: _Problem("too-many-requests", HTTPStatus.TOO_MANY_REQUESTS, {}),
     UnavailableError: _Problem("unavailable", HTTPStatus.SERVICE_UNAVAILABLE, {"Retry-After": "1"}),
+    StorageError: _Problem("unavailable", HTTPStatus.SERVICE_UNAVAILABLE, {"Retry-After": "10"}),
     SchemaOutOfDateError: _Problem("schema-out-of-date", HTTPStatus.SERVICE_UNAVAILABLE, {"Retry-After": "10"}),
     ShuttingDownError: _Problem("shutting-down", HTTPStatus.SERVICE_UNAVAILABLE, {"Retry-After": "5"}),
 }

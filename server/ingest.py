@@ -14,7 +14,7 @@ from contract.observation import ReportResult, ReportStatus
 from server import answers
 from server.counters import IngestCounts
 from server.database import is_worth_a_retry
-from server.errors import UnavailableError
+from server.errors import StorageError, UnavailableError
 from server.features import ObstacleEvent
 from server.group import Outcome, Outcomes
 from server.parcel import Parcel
@@ -90,6 +90,9 @@ class Ingest:
             try:
                 async with asyncio.timeout(self._deadline_s):
                     outcomes = await self._decide([item.parcel for item in group])
+            except StorageError as error:
+                _refuse(group, error)
+                return
             except (TimeoutError, UnavailableError):
                 pass
             except Exception as error:  # the worker must outlive whatever a report or a driver does
@@ -108,8 +111,8 @@ class Ingest:
         if len(group) > 1:
             for item in group:
                 await self._settle([item])
-        elif not group[0].answer.done():
-            group[0].answer.set_exception(error)
+        else:
+            _refuse(group, error)
 
     def _tell(self, group: list[_Waiting], outcomes: Outcomes) -> None:
         for item, outcome in zip(group, outcomes, strict=True):
@@ -123,6 +126,12 @@ class Ingest:
                 item.answer.set_result(outcome.result)
             else:
                 item.answer.set_exception(outcome)
+
+
+def _refuse(group: list[_Waiting], error: Exception) -> None:
+    for item in group:
+        if not item.answer.done():
+            item.answer.set_exception(error)
 
 
 def _answer(item: _Waiting) -> ReportResult:

@@ -21,6 +21,7 @@ from server.errors import ServiceError, problem_of
 from server.formats.names import FormatName
 from server.formats.registry import GEOJSON
 from server.nearby import GREATEST_RADIUS_M
+from server.quadkey import MERCATOR_LATITUDE_DEG
 from server.query import DEFAULT_RADIUS_M, MAX_FEATURES
 
 if TYPE_CHECKING:
@@ -90,7 +91,8 @@ def parsed(query: bytes) -> Asked | None:
         limit = int(values.get(b"limit", MAX_FEATURES))
     except ValueError:
         return None
-    if not (-90 <= latitude_deg <= 90 and -180 <= longitude_deg <= 180):
+    # Towards the poles a circle touches tiles without number, and no obstacle is taken there.
+    if not (abs(latitude_deg) <= MERCATOR_LATITUDE_DEG and -180 <= longitude_deg <= 180):
         return None
     if not (0 < radius_m <= GREATEST_RADIUS_M and 1 <= limit <= MAX_FEATURES):
         return None

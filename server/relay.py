@@ -18,7 +18,7 @@ from contract.obstacle import ObstacleFeature
 from server.database import Database
 from server.errors import ServiceError
 from server.features import ObstacleEvent
-from server.quadkey import shard_of_tile, tiles
+from server.quadkey import MERCATOR_LATITUDE_DEG, shard_of_tile, tiles
 from server.statements import numbered, padded, tile_versions
 from server.stream import LEAVING_RATIO, Hub, Near
 from server.tile_reader import TileReader, Versions
@@ -37,7 +37,7 @@ class Relay:
 
     async def near(self, centre: LatLon, radius_m: float) -> tuple[ObstacleFeature, ...]:
         """Live obstacles around a place where a vehicle is; what changes there afterwards will be told."""
-        new = [tile for tile in tiles(centre, radius_m) if tile not in self._told]
+        new = [tile for tile in _tiles(centre, radius_m) if tile not in self._told]
         if new:
             versions = await self._versions(new)
             for tile in new:
@@ -57,7 +57,7 @@ class Relay:
     async def tell(self) -> None:
         """Publish what was logged around this process's vehicles since the last call."""
         areas = self._hub.areas()
-        watched = {tile for area in areas for tile in tiles(area.position, LEAVING_RATIO * area.radius_m)}
+        watched = {tile for area in areas for tile in _tiles(area.position, LEAVING_RATIO * area.radius_m)}
         for tile in self._told.keys() - watched:
             del self._told[tile]
         if not self._told:
@@ -82,3 +82,8 @@ class Relay:
         async with self._database.read() as connection:
             found = await connection.execute(tile_versions(len(numbers)), values)
             return {row.tile: row.version for row in found}
+
+
+def _tiles(centre: LatLon, radius_m: float) -> tuple[int, ...]:
+    """Tiles of a circle; none beyond the map, where a circle touches tiles without number and no obstacle is taken."""
+    return () if abs(centre.latitude_deg) > MERCATOR_LATITUDE_DEG else tiles(centre, radius_m)

@@ -13,7 +13,9 @@ from dataclasses import dataclass
 _REQUEST_ID = re.compile(rb"[A-Za-z0-9._:-]{1,64}")
 # https://www.w3.org/TR/trace-context/, 3.2: version 00, and later ones that begin alike.
 _TRACEPARENT = re.compile(rb"(?!ff)[0-9a-f]{2}-(?!0{32})([0-9a-f]{32})-(?!0{16})[0-9a-f]{16}-([0-9a-f]{2})(?:-.*)?")
-_FORWARDED = frozenset({b"x-forwarded-for", b"forwarded"})
+_FORWARDED = frozenset(
+    {b"x-forwarded-for", b"x-forwarded-host", b"x-forwarded-proto", b"x-real-ip", b"forwarded", b"via"}
+)
 _READ = _FORWARDED | {b"x-request-id", b"traceparent"}
 
 

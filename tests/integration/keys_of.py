@@ -24,7 +24,7 @@ async def opened(settings: Settings) -> AsyncIterator[FastAPI]:
 def client_of(app: FastAPI, address: str = "127.0.0.1") -> httpx.AsyncClient:
     """A client of it that calls from an address."""
     transport = httpx.ASGITransport(app, client=(address, 40_000))
-    return httpx.AsyncClient(transport=transport, base_url="http://headsup")
+    return httpx.AsyncClient(transport=transport, base_url="http://localhost")
 
 
 async def keyed(app: FastAPI, *roles: Role) -> list[str]:

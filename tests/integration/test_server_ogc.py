@@ -41,7 +41,7 @@ async def thirty(client: httpx.AsyncClient) -> list[str]:
 
 async def test_from_the_landing_page_every_link_leads_somewhere(client: httpx.AsyncClient) -> None:
     await thirty(client)
-    to_visit, seen = ["http://headsup/ogc"], set()
+    to_visit, seen = ["http://localhost/ogc"], set()
     while to_visit:
         address = to_visit.pop()
         seen.add(address)
@@ -52,7 +52,7 @@ async def test_from_the_landing_page_every_link_leads_somewhere(client: httpx.As
         found = answer.json()
         links = [*found.get("links", []), *(link for item in found.get("collections", []) for link in item["links"])]
         for link in links:
-            assert link["href"].startswith("http://headsup/")
+            assert link["href"].startswith("http://localhost/")
             assert {"rel", "type", "title"} <= link.keys()
         to_visit += [link["href"] for link in links if link["href"] not in {*seen, *to_visit}]
     assert len(seen) >= 9
@@ -139,7 +139,7 @@ async def test_what_the_standard_refuses_is_a_bad_request(client: httpx.AsyncCli
 async def test_a_strange_host_is_refused_and_not_repeated(client: httpx.AsyncClient) -> None:
     for host in ("[::1", "a b", 'evil"><script>', "[", ":"):
         answer = await client.get("/ogc", headers={"Host": host})
-        assert answer.status_code in (200, 400)
+        assert answer.status_code in (400, 401)
         assert "<script>" not in answer.text
 
 

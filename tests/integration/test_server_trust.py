@@ -142,8 +142,14 @@ async def test_a_server_without_keys_has_no_limits_but_serves_no_proxy(limited: 
     async with opened(alone) as app, client_of(app) as client:
         answers = await asyncio.gather(*(client.get("/v1/obstacles?lat=0&lon=0") for _ in range(50)))
         assert {answer.status_code for answer in answers} == {200}
-        for header in ({"X-Forwarded-For": "203.0.113.5"}, {"Forwarded": "for=203.0.113.5"}):
+        strange = [
+            *({"X-Forwarded-For": "203.0.113.5"}, {"Forwarded": "for=203.0.113.5"}, {"Via": "1.1 proxy"}),
+            *({"Host": host} for host in ("evil.example", "localhost.evil.example:80", "10.0.0.1", "[::2]", "a b")),
+        ]
+        for header in strange:
             assert problem(await client.get("/v1/obstacles?lat=0&lon=0", headers=header)) == (401, "unauthenticated")
+        for host in ("localhost:8000", "127.0.0.1", "[::1]:80", "LOCALHOST"):
+            assert (await client.get("/v1/obstacles?lat=0&lon=0", headers={"Host": host})).status_code == 200
 
 
 async def answers_of_all_kinds(client: httpx.AsyncClient) -> dict[str, httpx.Response]:
