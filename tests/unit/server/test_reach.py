@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
+from uuid import UUID
 
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from server import rules
 from server.cell_index import CellIndex
-from server.geodesy import distance_m, offset_from
+from server.geodesy import offset_from
 from server.obstacle import Obstacle
 from server.policy import COOPERATION
 from server.quadkey import cell_of, tile_of_cell
@@ -26,8 +27,7 @@ def _concerned(reach: Reach, obstacles: list[Obstacle]) -> tuple[Obstacle, ...]:
     return tuple(
         item
         for item in obstacles
-        if item.id in around
-        and reach.concerns(item.id, item.place.position, item.place.variances_m2)
+        if item.id in around and reach.concerns(item.id, item.place.position, item.place.variances_m2)
     )
 
 
@@ -61,20 +61,25 @@ def test_a_decision_needs_nothing_beyond_the_reach(
     assert narrowed == rules.decide(report, tuple(obstacles), sent.observed_at, COOPERATION)
 
 
-@given(st.lists(offsets_m, max_size=3), pose_sds_m, st.floats(0, 2 * math.pi), st.floats(0, 1))
-def test_whatever_lies_near_has_its_tile_locked_and_its_cell_among_the_far(
-    seen: list[tuple[float, float]], pose_sd_m: float, azimuth_rad: float, part: float
+@given(
+    st.lists(offsets_m, min_size=1, max_size=3), pose_sds_m, st.floats(0, 3), st.floats(0, 2 * math.pi), st.floats(0, 1)
+)
+def test_what_a_detection_could_match_is_read_and_locked(
+    seen: list[tuple[float, float]], pose_sd_m: float, stored_sd_m: float, azimuth_rad: float, part: float
 ) -> None:
-    reach = reach_of(
-        message(*(detection(*hole) for hole in seen), vehicle="ego", at=NOON, pose_sd_m=pose_sd_m), COOPERATION
-    )
-    assert (reach.near is None) is (not seen)
-    if reach.near is None:
-        return
-    radius_m = part * reach.near.radius_m
-    there = offset_from(reach.near.centre, radius_m * math.sin(azimuth_rad), radius_m * math.cos(azimuth_rad))
-    assert distance_m(there, PATRAS) < 300
+    reach = reach_of(message(*(detection(*hole) for hole in seen), pose_sd_m=pose_sd_m), COOPERATION)
+    gate_m = math.sqrt(COOPERATION.matching.gate_chi_square * (pose_sd_m**2 + 0.05**2 + max(stored_sd_m, 0.3) ** 2))
+    east_m, north_m = seen[0]
+    away_m = part * gate_m
+    there = offset_from(PATRAS, east_m + away_m * math.sin(azimuth_rad), north_m + away_m * math.cos(azimuth_rad))
     cell = cell_of(there)
+    assert reach.concerns(UUID(int=1), there, stored_sd_m**2)
     assert tile_of_cell(cell) in reach.tiles
     assert any(low <= cell <= high for low, high in reach.far)
     assert any(low <= cell <= high for low, high in reach.near_cells)
+
+
+def test_without_a_detection_nothing_is_near() -> None:
+    reach = reach_of(message(), COOPERATION)
+    assert (reach.near, reach.near_cells) == (None, ())
+    assert not reach.concerns(UUID(int=1), PATRAS, 0.5)
