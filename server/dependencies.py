@@ -53,7 +53,8 @@ class Parts:
     relay: Relay
 
 
-def _parts(request: Request) -> Parts:
+# Coroutines all, though none waits: the framework would send a function to a thread, for each request.
+async def _parts(request: Request) -> Parts:
     parts: Parts = request.app.state.parts
     return parts
 
@@ -68,7 +69,7 @@ async def _operator(caller: Annotated[Caller, Depends(_caller)]) -> Caller:
     return caller
 
 
-def once_each(request: Request) -> None:
+async def once_each(request: Request) -> None:
     """Refuse a parameter that is given more than once: which one counts, the caller could not know."""
     counted = Counter(name for name, _ in request.query_params.multi_items())
     repeated = [name for name, number in counted.items() if number > 1 and name not in _LISTS]
@@ -78,7 +79,7 @@ def once_each(request: Request) -> None:
         )
 
 
-def must_be_json(request: Request) -> None:
+async def must_be_json(request: Request) -> None:
     """Refuse a body that does not say it is JSON."""
     media_type = request.headers.get("content-type", "").partition(";")[0].strip().lower()
     if media_type != "application/json":

@@ -60,12 +60,12 @@ ogc = APIRouter(
 )
 
 
-def _no_parameters(query: Annotated[Parameters, Query()]) -> None:
+async def _no_parameters(query: Annotated[Parameters, Query()]) -> None:
     """Refuse every parameter."""
     del query
 
 
-def _base(request: Request) -> str:
+async def _base(request: Request) -> str:
     """Absolute address of the API as the caller sees it; links of the standard are absolute."""
     try:
         return f"{str(request.base_url).rstrip('/')}/ogc"
