@@ -280,7 +280,7 @@ async def test_a_body_that_is_no_text_is_told_so(client: httpx.AsyncClient) -> N
         ("/v1/obstacles?lat=1&lat=2&lon=0", 422),
         ("/v1/obstacles?bbox=0,0,1,1&limit=1&limit=1", 422),
         ("/v1/obstacles?lat=0&lon=0&kind=bump&kind=debris&state=removed&state=candidate", 200),
-        (f"/v1/obstacles/{uuid4()}?f=denm&f=waze", 422),
+        ("/v1/obstacles/0198a000-0000-7000-8000-000000000000?f=denm&f=waze", 422),
         ("/v1/actions?limit=1&limit=2", 422),
         ("/ogc/collections/obstacles/items?limit=1&limit=2", 400),
         ("/ogc/collections/obstacles/items?kind=bump&kind=debris", 200),
