@@ -17,7 +17,7 @@ from tests.integration.raw import exchanged, served_here, status_of
 from tests.integration.test_server_trust import batch
 from tests.unit.server.making import detection, message
 
-POST = b"POST /v1/observations HTTP/1.1\r\nHost: a\r\nContent-Type: application/json\r\n"
+POST = b"POST /v1/observations HTTP/1.1\r\nHost: localhost\r\nContent-Type: application/json\r\n"
 
 
 @pytest.fixture

@@ -14,12 +14,12 @@ from server.http_protocol import MAX_FIELDS, MAX_HEAD_BYTES, MAX_LINE_BYTES
 from server.settings import Settings
 from tests.integration.raw import exchanged, served_here, status_of
 
-GET = b"GET /healthz HTTP/1.1\r\nHost: a\r\nConnection: close\r\n"
+GET = b"GET /healthz HTTP/1.1\r\nHost: localhost\r\nConnection: close\r\n"
 UPGRADE = (
-    b"GET /v1/events HTTP/1.1\r\nHost: a\r\nConnection: Upgrade\r\nUpgrade: websocket\r\n"
+    b"GET /v1/events HTTP/1.1\r\nHost: localhost\r\nConnection: Upgrade\r\nUpgrade: websocket\r\n"
     b"Sec-WebSocket-Version: 13\r\nSec-WebSocket-Key: AAAAAAAAAAAAAAAAAAAAAA==\r\n"
 )
-CHUNKED = b"POST /v1/observations HTTP/1.1\r\nHost: a\r\nTransfer-Encoding: chunked\r\n\r\n1\r\n \r\n0\r\n"
+CHUNKED = b"POST /v1/observations HTTP/1.1\r\nHost: localhost\r\nTransfer-Encoding: chunked\r\n\r\n1\r\n \r\n0\r\n"
 
 
 @pytest.fixture
@@ -85,8 +85,8 @@ async def test_a_head_is_taken_up_to_the_limits(port: int, start: bytes, in_piec
 
 
 async def test_requests_on_one_connection_are_each_measured_alone(port: int) -> None:
-    one = b"GET /healthz HTTP/1.1\r\nHost: a\r\nX-Long: " + b"x" * 5_000 + b"\r\n\r\n"
-    posted = b"POST /v1/nothing HTTP/1.1\r\nHost: a\r\nContent-Length: 100000\r\n\r\n" + b"x" * 100_000
+    one = b"GET /healthz HTTP/1.1\r\nHost: localhost\r\nX-Long: " + b"x" * 5_000 + b"\r\n\r\n"
+    posted = b"POST /v1/nothing HTTP/1.1\r\nHost: localhost\r\nContent-Length: 100000\r\n\r\n" + b"x" * 100_000
     answer = await exchanged(port, [one * 20, posted, one * 3, posted[:50_000], posted[50_000:], one, GET + b"\r\n"])
     assert (answer.count(b"HTTP/1.1 200"), answer.count(b"HTTP/1.1 404")) == (25, 2)
 
@@ -102,7 +102,7 @@ async def test_a_head_that_does_not_come_ends_the_connection(port: int, monkeypa
     assert status_of(late) == 408
     assert b"urn:headsup:problem:headers-too-slow" in late
     assert await exchanged(port, []) == b""
-    second = await exchanged(port, [b"GET /healthz HTTP/1.1\r\nHost: a\r\n\r\n", b"GET /hea"])
+    second = await exchanged(port, [b"GET /healthz HTTP/1.1\r\nHost: localhost\r\n\r\n", b"GET /hea"])
     assert (second.count(b"HTTP/1.1 200"), second.count(b"HTTP/1.1 408")) == (1, 1)
 
 
