@@ -7,13 +7,13 @@ next run. Needs `wrk`; the peers (PostGIS by hand, tipg, pygeoapi) need PostGIS 
 
     apt-get install wrk postgresql-15-postgis-3
 
-    python3 -m venv /tmp/peers
+    python3 -m venv out/peers
 
-    /tmp/peers/bin/pip install tipg==1.6.1 pygeoapi==0.21.0 psycopg2-binary GeoAlchemy2 uvicorn[standard]
+    out/peers/bin/pip install tipg==1.6.1 pygeoapi==0.21.0 psycopg2-binary GeoAlchemy2 uvicorn[standard]
 
 Examples:
 
-    python -m benchmarks.server --data data --folder /var/tmp/bench --peers /tmp/peers --json server.json
+    python -m benchmarks.server --data data --folder out/bench --peers out/peers --json server.json
 
     python -m benchmarks.server --obstacles 100000 --seconds 3 --only nearby
 """

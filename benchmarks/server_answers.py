@@ -16,7 +16,7 @@ _ASKED = 50
 def found(url: str, key: str = "") -> list[str]:
     """Ids of the obstacles in an answer, in order; raises `OSError` when it is not 2xx, `ValueError` if not JSON."""
     request = Request(url, headers={"Authorization": f"Bearer {key}"} if key else {})  # noqa: S310  # of our own
-    with urlopen(request, timeout=20) as answer:  # noqa: S310
+    with urlopen(request, timeout=20) as answer:  # noqa: S310  # of our own
         return [str(feature["id"]) for feature in json.load(answer)["features"]]
 
 

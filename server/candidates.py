@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from datetime import datetime
-from typing import Any
+from typing import Any, TypeVar
 from uuid import UUID
 
 from sqlalchemy import RowMapping, Select
@@ -31,6 +31,7 @@ from server.statements import (
 )
 from server.working_set import Evidence
 
+T = TypeVar("T")
 # SQLite takes 32,766 parameters in a statement; a pair has three.
 _MOST_PAIRS = 4_096
 
@@ -164,16 +165,14 @@ class _SqliteReading:
 
     async def named(self, wanted: Sequence[_Named]) -> Sequence[RowMapping]:
         found: list[RowMapping] = []
-        for first in range(0, len(wanted), _MOST_PAIRS):
-            chunk = padded(wanted[first : first + _MOST_PAIRS])
+        for chunk in _chunks(wanted):
             values = _numbered(chunk) | numbered("name", [item.name for item in chunk])
             found += await _rows(self._connection, evidence_of(len(chunk)), values)
         return found
 
     async def since(self, absent: Sequence[_Absent]) -> Sequence[RowMapping]:
         found: list[RowMapping] = []
-        for first in range(0, len(absent), _MOST_PAIRS):
-            chunk = padded(absent[first : first + _MOST_PAIRS])
+        for chunk in _chunks(absent):
             values = _numbered(chunk) | numbered("since", [item.since for item in chunk])
             found += await _rows(self._connection, evidence_since(len(chunk)), values)
         return found
@@ -185,6 +184,10 @@ _Reading = _PostgresReading | _SqliteReading
 async def _rows(connection: AsyncConnection, query: Select[Any], values: dict[str, Any]) -> Sequence[RowMapping]:
     found: Sequence[RowMapping] = (await connection.execute(query, values)).mappings().all()
     return found
+
+
+def _chunks(about: Sequence[T]) -> Iterator[tuple[T, ...]]:
+    return (padded(about[first : first + _MOST_PAIRS]) for first in range(0, len(about), _MOST_PAIRS))
 
 
 def _inspected(reaches: Iterable[Reach]) -> list[UUID]:

@@ -13,7 +13,6 @@ from hypothesis import strategies as st
 
 from contract.geometry import Kind, LatLon
 from contract.observation import DecisionKind, Detection, State
-from server.geodesy import offset_from
 from server.policy import COOPERATION, PAPER, Policy
 from server.rules import Verdict
 from tests.unit.server.making import HOUR, NOON, PATRAS, Road, absent, detection, message, present
@@ -278,20 +277,6 @@ def test_the_kind_is_a_vote_with_hysteresis() -> None:
     assert seen == [Kind.BUMP, Kind.BUMP, Kind.BUMP, Kind.DEBRIS]
 
 
-def test_the_refined_position_stays_near_the_first_that_was_well_known() -> None:
-    road = Road()
-    for number in range(60):
-        east_m = 10.0 + 0.6 * number
-        road.sees(f"ego{number}", NOON + number * HOUR, detection(east_m), pose_sd_m=2.0)
-        first = next(iter(road.obstacles.values()))
-    assert math.hypot(*_apart_m(first.born_at, first.place.position)) <= COOPERATION.matching.greatest_drift_m
-
-
-def _apart_m(a: LatLon, b: LatLon) -> tuple[float, float]:
-    north_m = (a.latitude_deg - b.latitude_deg) * 111_000
-    return north_m, (a.longitude_deg - b.longitude_deg) * 111_320 * math.cos(math.radians(a.latitude_deg))
-
-
 def seen_by(*vehicles: str, policy: Policy = COOPERATION) -> Road:
     road = Road(policy)
     for number, vehicle in enumerate(vehicles):
@@ -430,22 +415,3 @@ def test_ids_follow_from_the_report() -> None:
     identifier = one.only.id
     assert (identifier.version, identifier.variant) == (7, "specified in RFC 4122")
     assert PATRAS.latitude_deg == pytest.approx(one.only.place.position.latitude_deg, abs=1e-3)
-
-
-@pytest.mark.parametrize("apart_m", [5.0, 18.0, 22.0, 30.0])
-def test_a_coarse_first_sighting_moves_to_where_better_ones_are(apart_m: float) -> None:
-    road = Road()
-    road.sees("ego1", NOON, detection(0), pose_sd_m=10.0)
-    for number in range(2, 5):
-        road.sees(f"ego{number}", NOON + number * HOUR, detection(apart_m), pose_sd_m=0.2)
-    place = offset_from(PATRAS, apart_m, 5.0)
-    assert math.hypot(*_apart_m(road.only.place.position, place)) < 0.5
-
-
-def test_a_look_from_nobody_knows_where_confirms_nothing() -> None:
-    road = Road()
-    road.sees("ego1", NOON, detection(0), pose_sd_m=0.2)
-    road.sees("ego2", NOON + HOUR, detection(40), pose_sd_m=19.0)
-    assert (road.only.state, road.only.witness_count) == (State.CANDIDATE, 2)
-    road.sees("ego3", NOON + 2 * HOUR, detection(0.1), pose_sd_m=0.5)
-    assert road.only.state is State.CONFIRMED
