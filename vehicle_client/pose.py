@@ -116,13 +116,15 @@ def update(state: PoseFilter, frame: LidarFrame) -> tuple[PoseFilter, Pose | Non
 
 
 def _is_finite(fix: GnssFix) -> bool:
-    return bool(np.isfinite([fix.altitude_m, fix.heading_rad, fix.sd_m, fix.altitude_sd_m]).all())
+    return fix.heading_rad is not None and bool(
+        np.isfinite([fix.altitude_m, fix.heading_rad, fix.sd_m, fix.altitude_sd_m]).all()
+    )
 
 
 def _with_fix(state: PoseFilter, fix: GnssFix, odom_from_vehicle: Matrix, stamp_s: float) -> PoseFilter:
     origin, mean_enu_m = _anchored(state, fix)
     count = min(state.fixes + 1, WINDOW_FIXES)
-    turn = cmath.exp(1j * (yaw_from_heading(fix.heading_rad) - yaw_of(odom_from_vehicle)))
+    turn = cmath.exp(1j * (yaw_from_heading(fix.heading_rad or 0.0) - yaw_of(odom_from_vehicle)))
     enu = origin.enu(fix.position, fix.altitude_m)
     return replace(
         state,

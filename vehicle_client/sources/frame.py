@@ -22,18 +22,35 @@ class GnssFix:
 
     position: LatLon
     altitude_m: float
-    heading_rad: float
-    """Clockwise from north, from a dual antenna or an inertial unit."""
+    heading_rad: float | None
+    """Clockwise from north, from a dual antenna or an inertial unit; None where nothing of the kind is on board."""
     sd_m: float
     altitude_sd_m: float
+    course_rad: float | None = None
+    """Direction of the velocity over ground, clockwise from north, as receivers say it."""
+    speed_mps: float | None = None
+    """Speed over ground by the receiver."""
+    stamp_s: float | None = None
+    """Unix time of the measurement; None: that of the frame that brings it."""
+
+
+@dataclass(frozen=True, slots=True)
+class Motion:
+    """What wheels or an inertial unit said at a moment, Unix time; yaw rate counter-clockwise about the car's z."""
+
+    stamp_s: float
+    speed_mps: float | None = None
+    yaw_rate_rps: float | None = None
 
 
 @dataclass(frozen=True, slots=True)
 class LidarFrame:
     """One sweep: `points_m` (N, 3) float32 metres in the `sensor` frame (REP 103: x forward, y left, z up).
 
-    `stamp_s` is Unix time. Optional: `intensity` and `ring` (N,), `image` (H, W, 3) uint8 BGR of the forward camera,
-    `odom_from_vehicle` (4, 4) from odometry, `gnss`, `steering_rad` of the front wheels (positive left), `speed_mps`.
+    `stamp_s` is Unix time. Optional: `intensity` and `ring` (N,), `point_time_s` (N,) seconds after `stamp_s` (mostly
+    negative) at which each point was measured, `image` (H, W, 3) uint8 BGR of the forward camera and its own stamp,
+    `odom_from_vehicle` (4, 4) from odometry at `stamp_s`, `gnss`, `motions` since the frame before, in the order of
+    time, `steering_rad` of the front wheels (positive left), `speed_mps`.
     """
 
     stamp_s: float
@@ -45,6 +62,9 @@ class LidarFrame:
     gnss: GnssFix | None = None
     steering_rad: float = 0.0
     speed_mps: float | None = None
+    point_time_s: NDArray[np.float32] | None = None
+    image_stamp_s: float | None = None
+    motions: tuple[Motion, ...] = ()
 
 
 class Source(Protocol):
