@@ -2,20 +2,13 @@
 
 from __future__ import annotations
 
-import logging
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field
 from pathlib import Path
 
-import cv2
-import numpy as np
-from numpy.typing import NDArray
-
 from vehicle_client.sources.carla_text import RecordedFrame, is_old_dialect, parse_metadata_line, read_carla_ply
+from vehicle_client.sources.complaints import Complaints
 from vehicle_client.sources.frame import SourceError
-
-LOG = logging.getLogger(__name__)
 
 FULL_STEERING_RAD = math.radians(70.0)
 """The front wheels' angle at CARLA's steer of 1; CARLA steers to the right with positive numbers."""
@@ -23,21 +16,7 @@ FULL_STEERING_RAD = math.radians(70.0)
 SWEEPS_TO_TRY = 20
 """Sweeps among which one must show the road, for the dialect to be known."""
 
-PNG_END = b"IEND\xaeB`\x82"
-
 LIDAR, CAMERA = "sensor.lidar.ray_cast", "sensor.camera.rgb"
-
-
-@dataclass(slots=True)
-class Complaints:
-    """What of a recording could not be used: a warning each, and their number."""
-
-    count: int = field(default=0, init=False)
-
-    def add(self, message: str) -> None:
-        """Log one and count it."""
-        self.count += 1
-        LOG.warning("%s", message)
 
 
 def lidar_folder(ego: Path) -> Path:
@@ -97,21 +76,6 @@ def picture_paths(ego: Path) -> list[tuple[int, Path]]:
     """The pictures of the vehicle's first camera, by frame."""
     cameras = sorted(p for p in ego.glob(f"{CAMERA}*") if p.is_dir())
     return numbered(cameras[0], "png") if cameras else []
-
-
-def read_picture(path: Path) -> NDArray[np.uint8]:
-    """(H, W, 3) uint8 BGR; `SourceError` where the file is not whole: OpenCV would fill what is missing with grey."""
-    try:
-        data = path.read_bytes()
-    except OSError as error:
-        raise SourceError(f"{path}: cannot be read: {error.strerror}") from error
-    try:
-        image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR) if data.endswith(PNG_END) else None
-    except cv2.error:
-        image = None
-    if image is None:
-        raise SourceError(f"{path}: expected a whole PNG picture")
-    return np.asarray(image, dtype=np.uint8)
 
 
 def read_steering(ego: Path, numbers: Sequence[int], complaints: Complaints) -> dict[int, float]:

@@ -21,17 +21,17 @@ from vehicle_client.frames import (
     yaw_of,
 )
 from vehicle_client.sources.carla_folder import (
-    Complaints,
     find_dialect,
     lidar_folder,
     picture_paths,
-    read_picture,
     read_steering,
     recorded_frames,
     sweep_path,
 )
 from vehicle_client.sources.carla_text import RecordedFrame, in_sensor_frame, read_carla_ply
+from vehicle_client.sources.complaints import Complaints
 from vehicle_client.sources.frame import GnssFix, LidarFrame, SourceError
+from vehicle_client.sources.pictures import read_picture
 from vehicle_client.sources.recorded_tables import (
     RecordedOdometry,
     Timeline,
