@@ -1,0 +1,91 @@
+"""One door to all sources: what a path or an address holds is recognised by its content."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Protocol
+
+from vehicle_client.frames import GeoOrigin
+from vehicle_client.sources.carla_folder import LIDAR
+from vehicle_client.sources.carla_recording import CarlaRecording
+from vehicle_client.sources.cloud_folder import RATE_HZ, CloudFolder, cloud_files
+from vehicle_client.sources.files import READERS
+from vehicle_client.sources.frame import LidarFrame, SourceError
+from vehicle_client.sources.kitti_odometry import KittiOdometry
+from vehicle_client.sources.kitti_raw import SWEEPS, KittiRaw
+
+
+class CountingSource(Protocol):
+    """A source that says how much of it could not be used. A live one has the length 0, since nobody knows it."""
+
+    @property
+    def skipped(self) -> int:
+        """How many frames, pictures and lines could not be used so far."""
+        ...
+
+    def __len__(self) -> int: ...
+
+    def __iter__(self) -> Iterator[LidarFrame]: ...
+
+
+@dataclass(frozen=True, slots=True)
+class SourceOptions:
+    """What a format cannot say of itself."""
+
+    rate_hz: float = RATE_HZ
+    """Sweeps a second, for folders of clouds without stamps."""
+    start_s: float = 0.0
+    """Unix time of the first sweep, where stamps are missing or count from 0 (folders of clouds, KITTI odometry)."""
+    ego: int = 0
+    """Which vehicle of a CARLA recording."""
+    origin: GeoOrigin | None = None
+    """Where the world's origin of a CARLA recording lies, if it does not say so itself."""
+
+
+KNOWN = (
+    "a recording in CARLA's layout (egoN/sensor.lidar.ray_cast), a drive of KITTI's raw data (velodyne_points), a "
+    "KITTI odometry sequence (velodyne, times.txt), a folder of clouds (" + ", ".join(sorted(READERS)) + ")"
+)
+
+
+def open_source(place: str | Path, options: SourceOptions | None = None) -> CountingSource:
+    """The drive that a path or an address holds; `SourceError` says what was expected."""
+    asked = options or SourceOptions()
+    if not 0 < asked.rate_hz < 1000:
+        raise SourceError(f"a rate of {asked.rate_hz} sweeps a second: expected more than 0 and less than 1000")
+    path = Path(place)
+    try:
+        if path.is_dir():
+            return _open_folder(path, asked)
+        if path.is_file():
+            return _open_file(path, asked)
+    except OSError as error:
+        raise SourceError(f"{place}: cannot be read: {error.strerror or error}") from error
+    raise SourceError(f"{place}: no such file, folder or address; expected {KNOWN}")
+
+
+def _open_folder(folder: Path, asked: SourceOptions) -> CountingSource:
+    if any(folder.glob(f"ego*/{LIDAR}*")):
+        return CarlaRecording(folder, asked.ego, asked.origin)
+    ego = re.fullmatch(r"ego(\d+)", folder.absolute().name)
+    if ego and any(folder.glob(f"{LIDAR}*")):
+        return CarlaRecording(folder.absolute().parent, int(ego[1]), asked.origin)
+    if (folder / SWEEPS).is_dir():
+        return KittiRaw(folder)
+    if (folder / "velodyne").is_dir() and (folder / "times.txt").is_file():
+        return KittiOdometry(folder, asked.start_s)
+    if cloud_files(folder):
+        return CloudFolder(folder, asked.rate_hz, asked.start_s)
+    sequences = sorted(p for p in folder.glob("sequences/*") if (p / "velodyne").is_dir())
+    if sequences:
+        raise SourceError(f"{folder}: holds {len(sequences)} KITTI sequences; name one, such as {sequences[0]}")
+    raise SourceError(f"{folder}: not a drive; expected {KNOWN}")
+
+
+def _open_file(path: Path, asked: SourceOptions) -> CountingSource:
+    if path.name.lower().endswith(tuple(READERS)):
+        return CloudFolder(path, asked.rate_hz, asked.start_s)
+    raise SourceError(f"{path}: not a drive; expected {KNOWN}")
