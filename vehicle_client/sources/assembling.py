@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections import deque
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field, replace
@@ -13,6 +14,7 @@ from scipy.spatial.transform import Rotation
 from vehicle_client.frames import Matrix, rigid
 from vehicle_client.sources.complaints import Complaints
 from vehicle_client.sources.frame import GnssFix, LidarFrame, Motion, SourceError
+from vehicle_client.sources.mounting import Lever
 from vehicle_client.sources.readings import GroundVelocity, Heading, Odometry, Picture, Reading, Steering
 from vehicle_client.sources.stamps import StampGate
 
@@ -38,6 +40,7 @@ class Assembler:
     """
 
     complaints: Complaints
+    lever: Lever = field(default_factory=Lever)
     gate: StampGate = field(default_factory=StampGate)
     _picture: Picture | None = field(default=None, init=False)
     _fix: GnssFix | None = field(default=None, init=False)
@@ -106,14 +109,14 @@ class Assembler:
             return None
 
     def _with_direction(self, fix: GnssFix, stamp_s: float) -> GnssFix:
-        """The fix with heading and course that other topics said at its time."""
+        """The fix of the vehicle's origin, with heading and course that other topics said at its time."""
         at_s = stamp_s if fix.stamp_s is None else fix.stamp_s
         if fix.heading_rad is None and self._heading and abs(self._heading.stamp_s - at_s) <= TOGETHER_S:
-            fix = replace(fix, heading_rad=self._heading.heading_rad)
+            fix = replace(fix, heading_rad=(self._heading.heading_rad + self.lever.imu_yaw_rad) % (2 * math.pi))
         velocity = self._velocity
         if fix.course_rad is None and velocity and abs(velocity.stamp_s - at_s) <= TOGETHER_S:
             fix = replace(fix, course_rad=velocity.course_rad, speed_mps=velocity.speed_mps)
-        return fix
+        return self.lever.moved(fix)
 
     def _speed_at(self, stamp_s: float) -> float | None:
         latest = (

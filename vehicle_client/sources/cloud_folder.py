@@ -77,7 +77,7 @@ def cloud_files(place: Path) -> list[Path]:
     for folder in (place, *(place / name for name in CLOUD_FOLDERS)):
         found = [p for p in _entries(folder) if p.is_file() and p.name.lower().endswith(tuple(READERS))]
         if found:
-            return sorted(found, key=_by_numbers)
+            return sorted(found, key=by_numbers)
     return []
 
 
@@ -87,7 +87,7 @@ def _pictures(place: Path, clouds: list[Path]) -> dict[Path, Path]:
         return {}
     folders = [parent / name for parent in (place, clouds[0].parent.parent) for name in PICTURE_FOLDERS]
     for folder in folders:
-        found = sorted((p for p in _entries(folder) if p.suffix.lower() in PICTURE_ENDINGS), key=_by_numbers)
+        found = sorted((p for p in _entries(folder) if p.suffix.lower() in PICTURE_ENDINGS), key=by_numbers)
         named = {path.stem: path for path in found}
         paired = {cloud: named[cloud.name.split(".")[0]] for cloud in clouds if cloud.name.split(".")[0] in named}
         if paired:
@@ -104,7 +104,7 @@ def _entries(folder: Path) -> list[Path]:
         return []
 
 
-def _by_numbers(path: Path) -> tuple[list[tuple[int, str]], str]:
-    """Names with their numbers by value."""
+def by_numbers(path: Path) -> tuple[list[tuple[int, str]], str]:
+    """A key that sorts names with their numbers by value."""
     words = re.split(r"(\d+)", path.name)
     return [(int(word), "") if word.isdecimal() else (-1, word) for word in words], path.name

@@ -3,19 +3,24 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Protocol
 
 from vehicle_client.frames import GeoOrigin
 from vehicle_client.sources.carla_folder import LIDAR
 from vehicle_client.sources.carla_recording import CarlaRecording
-from vehicle_client.sources.cloud_folder import RATE_HZ, CloudFolder, cloud_files
+from vehicle_client.sources.cloud_folder import RATE_HZ, CloudFolder, by_numbers, cloud_files
+from vehicle_client.sources.complaints import Complaints
 from vehicle_client.sources.files import READERS
 from vehicle_client.sources.frame import LidarFrame, SourceError
 from vehicle_client.sources.kitti_odometry import KittiOdometry
 from vehicle_client.sources.kitti_raw import SWEEPS, KittiRaw
+from vehicle_client.sources.log_source import LogSource
+from vehicle_client.sources.mcap_log import McapLog, McapLogs
+from vehicle_client.sources.mcap_records import MAGIC
+from vehicle_client.sources.ros_bag import RosBag
 
 
 class CountingSource(Protocol):
@@ -43,12 +48,18 @@ class SourceOptions:
     """Which vehicle of a CARLA recording."""
     origin: GeoOrigin | None = None
     """Where the world's origin of a CARLA recording lies, if it does not say so itself."""
+    topics: Mapping[str, str] = field(default_factory=dict)
+    """Topic by role (sweep, image, fix, imu, odometry, motion, velocity), where a recording holds several."""
 
 
 KNOWN = (
     "a recording in CARLA's layout (egoN/sensor.lidar.ray_cast), a drive of KITTI's raw data (velodyne_points), a "
-    "KITTI odometry sequence (velodyne, times.txt), a folder of clouds (" + ", ".join(sorted(READERS)) + ")"
+    "KITTI odometry sequence (velodyne, times.txt), an MCAP file, a ROS bag, a folder of clouds ("
+    + ", ".join(sorted(READERS))
+    + ")"
 )
+
+SQLITE, ROSBAG = b"SQLite format 3\0", b"#ROSBAG V"
 
 
 def open_source(place: str | Path, options: SourceOptions | None = None) -> CountingSource:
@@ -77,6 +88,8 @@ def _open_folder(folder: Path, asked: SourceOptions) -> CountingSource:
         return KittiRaw(folder)
     if (folder / "velodyne").is_dir() and (folder / "times.txt").is_file():
         return KittiOdometry(folder, asked.start_s)
+    if (folder / "metadata.yaml").is_file() or any(folder.glob("*.db3")) or any(folder.glob("*.mcap")):
+        return _open_ros2(folder, asked)
     if cloud_files(folder):
         return CloudFolder(folder, asked.rate_hz, asked.start_s)
     sequences = sorted(p for p in folder.glob("sequences/*") if (p / "velodyne").is_dir())
@@ -85,7 +98,31 @@ def _open_folder(folder: Path, asked: SourceOptions) -> CountingSource:
     raise SourceError(f"{folder}: not a drive; expected {KNOWN}")
 
 
+def _open_ros2(folder: Path, asked: SourceOptions) -> CountingSource:
+    """A bag's folder. MCAP files are read by our own reader, which survives what is corrupt."""
+    complaints = Complaints()
+    files = sorted(folder.glob("*.mcap"), key=by_numbers)
+    if len(files) > 1 and not (folder / "metadata.yaml").is_file():
+        raise SourceError(f"{folder}: holds {len(files)} MCAP files; name one, such as {files[0]}")
+    if files:
+        return LogSource(McapLogs(files, complaints), folder, asked.topics, complaints)
+    place = folder
+    if not (folder / "metadata.yaml").is_file():
+        # The recorder was killed: without its description the files are read alone.
+        place = sorted(folder.glob("*.db3"), key=by_numbers)[0]
+    return LogSource(RosBag(place, 2, complaints), place, asked.topics, complaints)
+
+
 def _open_file(path: Path, asked: SourceOptions) -> CountingSource:
+    complaints = Complaints()
+    with path.open("rb") as file:
+        start = file.read(16)
+    if start.startswith(MAGIC):
+        return LogSource(McapLog(path, complaints), path, asked.topics, complaints)
+    if start.startswith(ROSBAG):
+        return LogSource(RosBag(path, 1, complaints), path, asked.topics, complaints)
+    if start == SQLITE:
+        return LogSource(RosBag(path, 2, complaints), path, asked.topics, complaints)
     if path.name.lower().endswith(tuple(READERS)):
         return CloudFolder(path, asked.rate_hz, asked.start_s)
     raise SourceError(f"{path}: not a drive; expected {KNOWN}")

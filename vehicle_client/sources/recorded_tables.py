@@ -77,6 +77,10 @@ class Description:
         """`vehicle_from_sensor` of the sensor of a folder, which is named by its type or by type.role."""
         return next((m for (kind, role), m in self.mountings.items() if folder in (kind, f"{kind}.{role}")), None)
 
+    def first(self, kind: str) -> Matrix:
+        """`vehicle_from_sensor` of the first sensor of a type; the vehicle's own origin where there is none."""
+        return next((m for (of, _), m in self.mountings.items() if of == kind), np.eye(4))
+
 
 PLAIN = Description(0.0, None, np.eye(4), {})
 """A recording of the authors' own, which has no recording.json."""
@@ -88,21 +92,30 @@ def read_description(folder: Path) -> Description:
     if not path.exists():
         return PLAIN
     try:
-        said = _Description.model_validate(json.loads(path.read_text()))
-    except (OSError, ValueError, ValidationError) as error:
+        text = path.read_text()
+    except (OSError, UnicodeDecodeError) as error:
+        raise SourceError(f"{path}: expected the description of a recording: {error}") from error
+    return parse_description(text, path)
+
+
+def parse_description(text: str, place: Path) -> Description:
+    """What recording.json says; `SourceError`, which names the place, if it cannot be understood."""
+    try:
+        said = _Description.model_validate(json.loads(text))
+    except (ValueError, ValidationError) as error:
         reason = str(error).splitlines()[0]
-        raise SourceError(f"{path}: expected the description of a recording: {reason}") from error
+        raise SourceError(f"{place}: expected the description of a recording: {reason}") from error
     enu_from_world = np.array(said.enu_from_street, dtype=np.float64)
     if enu_from_world.shape != (4, 4) or not np.isfinite(enu_from_world).all():
-        raise SourceError(f"{path}: expected enu_from_street as 4 x 4 numbers")
-    place = said.georeference
-    position = LatLon(latitude_deg=place.latitude_deg, longitude_deg=place.longitude_deg)
+        raise SourceError(f"{place}: expected enu_from_street as 4 x 4 numbers")
+    at = said.georeference
+    position = LatLon(latitude_deg=at.latitude_deg, longitude_deg=at.longitude_deg)
     mountings = {
         (s.type, s.role_name): right_handed(np.array([m.x, m.y, m.z]), m.pitch, m.yaw, m.roll)
         for s in said.sensors
         for m in (s.transform or [_Mounting()])[:1]
     }
-    return Description(said.clock.start_unix_s, GeoOrigin(position, place.altitude_m), enu_from_world, mountings)
+    return Description(said.clock.start_unix_s, GeoOrigin(position, at.altitude_m), enu_from_world, mountings)
 
 
 @dataclass(frozen=True, slots=True)
