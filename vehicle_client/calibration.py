@@ -34,6 +34,6 @@ class VehicleCalibration:
         return float(self.vehicle_from_sensor[2, 3])
 
 
-def curvature_of(steering_rad: float) -> float:
+def curvature_of(steering_rad: float, wheelbase_m: float = WHEELBASE_M) -> float:
     """Curvature of the path, 1/m, positive to the left (kinematic bicycle model)."""
-    return math.tan(steering_rad) / WHEELBASE_M
+    return math.tan(steering_rad) / wheelbase_m

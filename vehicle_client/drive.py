@@ -81,7 +81,8 @@ class Vehicle:
 
     def step(self, frame: LidarFrame) -> Step:
         """Take one frame in. Without a pose obstacles are detected, but nothing is reported or shown."""
-        self._pose_filter, here = pose.update(self._pose_filter, frame)
+        self._pose_filter, found = pose.update(self._pose_filter, frame)
+        here = found.pose if found.reason is None else None
         sweep = detector_input(frame, self._calibration)
         detection = detect(sweep)
         if here is None or sweep.odom_from_sensor is None:

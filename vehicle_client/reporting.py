@@ -80,7 +80,6 @@ def compose_report(
 ) -> ObservationReport:
     """One report of what a pass showed; obstacles are given in `odom`, their places leave relative to the car."""
     position, altitude_m = pose.position, pose.altitude_m
-    pose_m2 = pose.sd_m**2
     return ObservationReport(
         report_id=report_id,
         observed_at=datetime.fromtimestamp(pose.stamp_s, UTC),
@@ -92,7 +91,11 @@ def compose_report(
             altitude_m=altitude_m,
             altitude_sd_m=pose.altitude_sd_m,
             heading_rad=pose.heading_rad,
-            covariance=PlaneCovariance(east_m2=pose_m2, north_m2=pose_m2),
+            covariance=PlaneCovariance(
+                east_m2=float(pose.covariance_m2[0, 0]),
+                north_m2=float(pose.covariance_m2[1, 1]),
+                east_north_m2=float(pose.covariance_m2[0, 1]),
+            ),
         ),
         detections=tuple(detection_of(obstacle, pose) for obstacle in measured),
         inspections=tuple(

@@ -53,7 +53,8 @@ def pose_at(
     """A car at a place of the `enu` frame; unless said otherwise its `odom` is that `enu` frame."""
     enu_from_vehicle = planar(east_m, north_m, yaw_from_heading(heading_rad))
     odom = enu_from_vehicle if odom_from_vehicle is None else odom_from_vehicle
-    return Pose(stamp_s, origin, enu_from_vehicle @ inverse(odom), enu_from_vehicle, sd_m, 2.0, speed_mps)
+    covariance_m2 = sd_m**2 * np.eye(2)
+    return Pose(stamp_s, origin, enu_from_vehicle @ inverse(odom), enu_from_vehicle, covariance_m2, 2.0, speed_mps)
 
 
 def feature(
