@@ -10,8 +10,9 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 
 from starlette.requests import HTTPConnection
+from starlette.types import Scope
 
-from server.errors import ForbiddenError, TooManyRequestsError, UnauthenticatedError
+from server.errors import ForbiddenError, ServiceError, TooManyRequestsError, UnauthenticatedError
 from server.keys import Caller, Keys, Role
 from server.rate_limit import RateLimit
 from server.request_context import CURRENT, note_key
@@ -54,9 +55,30 @@ class Admission:
 
     async def caller(self, connection: HTTPConnection) -> Caller:
         """Who sent a request, which counts once. Raises `UnauthenticatedError` or `TooManyRequestsError`."""
-        known: Caller | None = connection.scope.get(_CALLER)
+        known: Caller | ServiceError | None = connection.scope.get(_CALLER)
+        if isinstance(known, ServiceError):
+            raise known
         if known is not None:
             return known
+        try:
+            caller = connection.scope[_CALLER] = await self._counted(connection)
+        except ServiceError as error:
+            connection.scope[_CALLER] = error
+            raise
+        return caller
+
+    def is_known(self, scope: Scope, authorization: bytes | None) -> bool:
+        """Count a request as `caller` does, if nobody has to be asked and nothing is refused; else do nothing."""
+        if authorization is None:
+            return False
+        caller = self._keys.remembered(authorization.decode("latin-1"))
+        if caller is None or self._requests[caller.role].take(caller.key_id, time.monotonic()):
+            return False
+        scope[_CALLER] = caller
+        note_key(caller.key_id)
+        return True
+
+    async def _counted(self, connection: HTTPConnection) -> Caller:
         authorization = connection.headers.get("authorization")
         caller = self._keys.remembered(authorization)
         if caller is None:
@@ -66,7 +88,6 @@ class Admission:
             _must_be_of_this_machine(connection)
         elif wait_s := self._requests[caller.role].take(caller.key_id, time.monotonic()):
             raise self._refusal("requests", wait_s)
-        connection.scope[_CALLER] = caller
         return caller
 
     def reports(self, caller: Caller, number: int) -> None:

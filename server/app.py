@@ -8,9 +8,11 @@ import secrets
 from collections.abc import AsyncIterator, Coroutine
 from contextlib import asynccontextmanager
 from importlib.metadata import version
+from typing import Any
 
 from fastapi import FastAPI
 from starlette.middleware.cors import CORSMiddleware
+from starlette.types import Receive, Scope, Send
 
 from contract.observation import MAX_BODY_BYTES
 from server import endpoints, errors
@@ -19,6 +21,7 @@ from server.body_limit import BodyLimit
 from server.database import Database
 from server.edge import Edge
 from server.endpoints import Parts
+from server.journal import Journal
 from server.keys import Keys
 from server.metrics import Metrics, RequestCounts
 from server.nearby import Nearby
@@ -38,6 +41,18 @@ from server.upkeep import Upkeep
 _LOG = logging.getLogger(__name__)
 
 
+class _Application(FastAPI):
+    """The framework's application behind `NearbyLane`: its own layers take longer than a nearby query."""
+
+    def __init__(self, journal: Journal, **named: Any) -> None:
+        super().__init__(**named)
+        self._lane = NearbyLane(super().__call__, self.state, journal)
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Serve one connection."""
+        await self._lane(scope, receive, send)
+
+
 def create_app(settings: Settings) -> FastAPI:
     """The obstacle service as an ASGI application; the database is opened by its lifespan."""
     counts = RequestCounts()
@@ -54,24 +69,24 @@ def create_app(settings: Settings) -> FastAPI:
         finally:
             await database.close()
 
-    app = FastAPI(
+    app = _Application(
+        journal := Journal(counts, settings.log_requests),
         title="HeadsUp",
         summary="A car that sees a pothole warns every car behind it.",
         version=version("headsup"),
         lifespan=lifespan,
     )
     app.state.settings, app.state.readiness = settings, Readiness()
-    _wrap(app, settings, counts)
+    _wrap(app, settings, journal)
     errors.install(app)
     for router in endpoints.ROUTERS:
         app.include_router(router)
     return app
 
 
-def _wrap(app: FastAPI, settings: Settings, counts: RequestCounts) -> None:
+def _wrap(app: FastAPI, settings: Settings, journal: Journal) -> None:
     """Layers around the routes; the last one added is the outermost."""
     app.add_middleware(BodyLimit, limit_bytes=MAX_BODY_BYTES)
-    app.add_middleware(NearbyLane)
     if settings.cors_origins:
         app.add_middleware(
             CORSMiddleware,
@@ -80,7 +95,7 @@ def _wrap(app: FastAPI, settings: Settings, counts: RequestCounts) -> None:
             allow_headers=["Authorization", "If-None-Match"],
             expose_headers=["ETag", "Link", "Retry-After", "X-Request-Id"],
         )
-    app.add_middleware(Edge, counts=counts, log_requests=settings.log_requests)
+    app.add_middleware(Edge, journal=journal)
 
 
 @asynccontextmanager

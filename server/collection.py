@@ -31,6 +31,20 @@ def mark_of(identifier: UUID, revision: int) -> bytes:
 
 def tag(marks: Iterable[bytes], *about: object) -> str:
     """Weak entity tag of a page: which obstacles in which revision (`mark_of`), and what else tells answers apart."""
-    digest = hashlib.sha256(repr(about).encode())
+    return _tag(hashlib.sha256(repr(about).encode()), marks)
+
+
+class Tags:
+    """`tag` for many answers that are told apart by their obstacles alone."""
+
+    def __init__(self, *about: object) -> None:
+        self._begun = hashlib.sha256(repr(about).encode())
+
+    def of(self, marks: Iterable[bytes]) -> str:
+        """The tag of a page."""
+        return _tag(self._begun.copy(), marks)
+
+
+def _tag(digest: hashlib._Hash, marks: Iterable[bytes]) -> str:
     digest.update(b"".join(marks))
     return f'W/"{digest.hexdigest()[:24]}"'

@@ -17,7 +17,7 @@ from server.database import Database
 from server.errors import UnavailableError
 from server.policy import Life
 from server.quadkey import tiles
-from server.tile_cache import Found, TileCache, TileFeatures, in_order
+from server.tile_cache import Found, TileCache, TileFeatures, around, in_order
 from server.tile_reader import TileReader, Versions
 
 GREATEST_RADIUS_M = 2_000.0
@@ -32,7 +32,20 @@ class _Check:
     """A version check that has not been sent yet, and the queries that wait for it."""
 
     tiles: set[int] = field(default_factory=set)
-    answer: asyncio.Future[Versions] = field(default_factory=lambda: asyncio.get_running_loop().create_future())
+    waiting: list[asyncio.Future[Versions]] = field(default_factory=list)
+    """One for each query: one that is cancelled does not cancel what the others wait for."""
+
+    def answer(self, versions: Versions) -> None:
+        """Tell all who wait."""
+        for future in self.waiting:
+            if not future.done():
+                future.set_result(versions)
+
+    def fail(self, error: Exception) -> None:
+        """Tell all who wait that there is no answer."""
+        for future in self.waiting:
+            if not future.done():
+                future.set_exception(error)
 
 
 class Nearby:
@@ -56,10 +69,12 @@ class Nearby:
         self.counts.queries += 1
         wanted = tiles(centre, radius_m)
         now_us = int((now - _EPOCH).total_seconds() * 1e6)
+        fresh = await self._as_of_one_moment(wanted)
+        circle = around(centre, radius_m)
         found: list[Found] = []
-        for tile in await self._as_of_one_moment(wanted):
-            found += tile.within(centre, radius_m, now_us)
-        return in_order(found, centre)
+        for tile in fresh:
+            found += tile.about(circle, now_us)
+        return in_order(found, circle)
 
     async def _as_of_one_moment(self, wanted: Sequence[int]) -> list[TileFeatures]:
         """The tiles that were ever written to, all at the versions of one check.
@@ -67,25 +82,24 @@ class Nearby:
         Were one of them later than another, an obstacle that moved between them would be told twice, or not at all.
         """
         for _ in range(_MOST_CHECKS):
+            versions = await self._versions(wanted)
             # A tile without a row was never written to.
-            versions = {tile: version for tile, version in (await self._versions(wanted)).items() if version}
-            # The answer is that of all who waited for the check.
-            here = [tile for tile in wanted if tile in versions]
-            fresh = [await self._fresh(tile, versions[tile]) for tile in here]
-            if len(here) == 1 or all(item.version == versions[tile] for tile, item in zip(here, fresh, strict=True)):
+            here = [(tile, version) for tile in wanted if (version := versions.get(tile))]
+            fresh = [self._in_memory(tile, version) or await self._fresh(tile, version) for tile, version in here]
+            if len(here) == 1 or all(item.version == version for item, (_, version) in zip(fresh, here, strict=True)):
                 return fresh
         raise UnavailableError("what is there changes faster than it can be read; ask again")
 
-    async def _versions(self, wanted: Iterable[int]) -> Versions:
-        """Versions of tiles, read by a statement that is sent after this call."""
+    def _versions(self, wanted: Iterable[int]) -> asyncio.Future[Versions]:
+        """Versions of tiles, among others, read by a statement that is sent after this call."""
         if self._next is None:
             self._next = _Check()
-        check = self._next
-        check.tiles.update(wanted)
+        answer: asyncio.Future[Versions] = asyncio.get_running_loop().create_future()
+        self._next.tiles.update(wanted)
+        self._next.waiting.append(answer)
         if self._checking is None:
             self._checking = asyncio.create_task(self._check())
-        # One query that is cancelled must not cancel what the others wait for.
-        return await asyncio.shield(check.answer)
+        return answer
 
     async def _check(self) -> None:
         try:
@@ -93,29 +107,31 @@ class Nearby:
                 self._next = None
                 self.counts.version_checks += 1
                 try:
-                    answer = await self._reader.versions(sorted(check.tiles))
+                    check.answer(await self._reader.versions(sorted(check.tiles)))
                 except Exception as error:  # it belongs to the queries that wait, and the next may succeed
-                    check.answer.set_exception(error)
-                    # Those who waited may all have gone.
-                    check.answer.exception()
-                else:
-                    check.answer.set_result(answer)
+                    check.fail(error)
         finally:
             self._checking = None
 
+    def _in_memory(self, tile: int, version: int) -> TileFeatures | None:
+        """The tile, if it is here at least at a version."""
+        known = self._cache.get(tile)
+        if known is None or known.version < version:
+            return None
+        self.counts.tiles_fresh += 1
+        return known
+
     async def _fresh(self, tile: int, version: int) -> TileFeatures:
         """The tile at least at a version; one task refreshes it for all who need it."""
-        while True:
-            known = self._cache.get(tile)
-            if known is not None and known.version >= version:
-                self.counts.tiles_fresh += 1
-                return known
+        while (known := self._in_memory(tile, version)) is None:
             if tile not in self._refreshing:
-                task = self._refreshing[tile] = asyncio.create_task(self._refresh(tile, known))
+                task = self._refreshing[tile] = asyncio.create_task(self._refresh(tile))
                 task.add_done_callback(lambda _, done=tile: self._refreshing.pop(done))  # type: ignore[misc]  # mypy
             await asyncio.shield(self._refreshing[tile])
+        return known
 
-    async def _refresh(self, tile: int, known: TileFeatures | None) -> None:
+    async def _refresh(self, tile: int) -> None:
+        known = self._cache.get(tile)
         changes = None if known is None else await self._reader.changes(tile, known.version)
         if known is None or changes is None:
             self._cache.put(tile, await self._reader.tile(tile))

@@ -1,39 +1,50 @@
 """`GET /v1/obstacles` as every vehicle asks it all the time, answered with encoded features from memory.
 
-Only a plain circle in the default format is answered here, parsed by hand and before the framework's routing, which
-takes longer than the search does. Everything else, and every faulty request, is for the typed route
+Only a plain circle in the default format is answered here, parsed by hand and before the framework, which takes longer
+than the search does. Everything else, and everything that goes wrong, is for the typed route
 (`server.reader_endpoints`), whose answers have the same bytes.
 """
 
 from __future__ import annotations
 
-from collections.abc import Awaitable
-from dataclasses import dataclass
+import logging
+import time
 from datetime import UTC, datetime
-from typing import TYPE_CHECKING
+from operator import itemgetter
+from typing import TYPE_CHECKING, NamedTuple
 
+from starlette.datastructures import State
 from starlette.requests import Request
 from starlette.types import ASGIApp, Receive, Scope, Send
 
 from contract.geometry import LatLon
 from server import collection, representation
-from server.errors import ServiceError, problem_of
+from server.errors import ServiceError
 from server.formats.names import FormatName
 from server.formats.registry import GEOJSON
+from server.journal import Journal, headers_of
+from server.logs import FIELDS
 from server.nearby import GREATEST_RADIUS_M
 from server.quadkey import MERCATOR_LATITUDE_DEG
 from server.query import DEFAULT_RADIUS_M, MAX_FEATURES
+from server.request_context import CURRENT
+from server.tile_cache import Found
 
 if TYPE_CHECKING:
     from server.dependencies import Parts
 
+_LOG = logging.getLogger(__name__)
 _PATH = "/v1/obstacles"
 _ANY = (b"*/*", GEOJSON.encode())
-_NAMES = {b"lat", b"lon", b"radius_m", b"limit"}
+_NAMES = frozenset({b"lat", b"lon", b"radius_m", b"limit"})
+_MARK = itemgetter(1)
+_TAGS = collection.Tags(FormatName.GEOJSON, [])
+# What decides an answer, but for its entity tag: as `representation.answer` has it.
+_ALWAYS = [(name.lower().encode(), value.encode()) for name, value in representation.KEPT.items()]
+_CONTENT_TYPE = (b"content-type", GEOJSON.encode())
 
 
-@dataclass(frozen=True, slots=True)
-class Asked:
+class Asked(NamedTuple):
     """A circle and the number of features that one page may hold."""
 
     centre: LatLon
@@ -42,54 +53,82 @@ class Asked:
 
 
 class NearbyLane:
-    """ASGI middleware that answers plain circles of one page, and hands on all else."""
+    """ASGI layer around an application: answers plain circles of one page, and hands on all else.
+
+    `state` is the application's, which holds its parts.
+    """
 
     path = _PATH
 
-    def __init__(self, app: ASGIApp) -> None:
-        self._app = app
+    def __init__(self, app: ASGIApp, state: State, journal: Journal) -> None:
+        self._app, self._state, self._journal = app, state, journal
 
-    def __call__(self, scope: Scope, receive: Receive, send: Send) -> Awaitable[None]:
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Serve one request or socket."""
-        if scope["type"] != "http" or scope["method"] != "GET" or scope["path"] != _PATH or not _takes_geojson(scope):
-            return self._app(scope, receive, send)
-        asked = parsed(scope["query_string"])
-        return self._app(scope, receive, send) if asked is None else self._serve(asked, scope, receive, send)
+        if scope["type"] == "http" and scope["path"] == _PATH and scope["method"] == "GET":
+            asked = parsed(scope["query_string"])
+            if asked is not None and await self._has_answered(asked, scope, receive, send):
+                return
+        await self._app(scope, receive, send)
 
-    async def _serve(self, asked: Asked, scope: Scope, receive: Receive, send: Send) -> None:
+    async def _has_answered(self, asked: Asked, scope: Scope, receive: Receive, send: Send) -> bool:
+        begun_s = time.perf_counter()
+        given = dict(scope["headers"])
+        # What pages of other origins may read, and which of two headers counts, is decided elsewhere.
+        if len(given) != len(scope["headers"]) or b"origin" in given or given.get(b"accept", b"*/*") not in _ANY:
+            return False
+        context = self._journal.begin(scope)
+        CURRENT.set(context)
+        parts: Parts = self._state.parts
+        try:
+            if not parts.admission.is_known(scope, given.get(b"authorization")):
+                await parts.admission.caller(Request(scope, receive))
+            found = await parts.nearby.within(asked.centre, asked.radius_m, datetime.now(UTC))
+        except ServiceError:
+            return False
+        except Exception:  # a fault of this way costs the caller time, not the answer
+            _LOG.exception("unexpected error", extra={FIELDS: {"route": _PATH}})
+            return False
+        if len(found) > asked.limit:
+            return False
+        status, headers, body = _answer(found, given)
+        headers += headers_of(context, _PATH)
+        await send({"type": "http.response.start", "status": status, "headers": headers})
+        await send({"type": "http.response.body", "body": body})
         # Where the framework notes the route, for whoever counts.
         scope["route"] = self
-        request = Request(scope, receive)
-        parts: Parts = scope["app"].state.parts
-        try:
-            await parts.admission.caller(request)
-            found = await parts.nearby.within(asked.centre, asked.radius_m, datetime.now(UTC))
-        except ServiceError as error:
-            await problem_of(error)(scope, receive, send)
-            return
-        if len(found) > asked.limit:
-            await self._app(scope, receive, send)
-            return
-        tag = collection.tag([mark for _, mark, *_ in found], FormatName.GEOJSON, [])
-        if representation.holds(request, tag):
-            response = representation.unchanged(tag)
-        else:
-            body = collection.joined([body for _, _, body, *_ in found])
-            response = representation.answer(request, body, GEOJSON, tag)
-        await response(scope, receive, send)
+        self._journal.done(scope, status, time.perf_counter() - begun_s)
+        return True
+
+
+def _answer(found: list[Found], given: dict[bytes, bytes]) -> tuple[int, list[tuple[bytes, bytes]], bytes]:
+    """Status, headers and body."""
+    tag = _TAGS.of(map(_MARK, found))
+    headers = [(b"etag", tag.encode()), *_ALWAYS]
+    if b"if-none-match" in given and representation.holds(given[b"if-none-match"].decode("latin-1"), tag):
+        return 304, headers, b""
+    body = collection.joined([entry[3] for _, _, entry in found])
+    encodings = given.get(b"accept-encoding")
+    if encodings is not None and representation.takes_gzip(encodings.decode("latin-1"), body):
+        body = representation.compressed(body)
+        headers.append((b"content-encoding", b"gzip"))
+    headers += ((b"content-length", b"%d" % len(body)), _CONTENT_TYPE)
+    return 200, headers, body
 
 
 def parsed(query: bytes) -> Asked | None:
     """The circle that a query string asks for; None when anything about it is not plain, or not right."""
-    pairs = [part.partition(b"=") for part in query.split(b"&")]
-    values = {name: value for name, _, value in pairs}
-    if len(values) != len(pairs) or not values.keys() <= _NAMES or not {b"lat", b"lon"} <= values.keys():
-        return None
+    values: dict[bytes, bytes] = {}
+    for part in query.split(b"&"):
+        name, _, value = part.partition(b"=")
+        if name not in _NAMES or name in values:
+            return None
+        values[name] = value
     try:
         latitude_deg, longitude_deg = float(values[b"lat"]), float(values[b"lon"])
         radius_m = float(values.get(b"radius_m", DEFAULT_RADIUS_M))
         limit = int(values.get(b"limit", MAX_FEATURES))
-    except ValueError:
+    except (KeyError, ValueError):
         return None
     # Towards the poles a circle touches tiles without number, and no obstacle is taken there.
     if not (abs(latitude_deg) <= MERCATOR_LATITUDE_DEG and -180 <= longitude_deg <= 180):
@@ -97,7 +136,3 @@ def parsed(query: bytes) -> Asked | None:
     if not (0 < radius_m <= GREATEST_RADIUS_M and 1 <= limit <= MAX_FEATURES):
         return None
     return Asked(LatLon(latitude_deg=latitude_deg, longitude_deg=longitude_deg), radius_m, limit)
-
-
-def _takes_geojson(scope: Scope) -> bool:
-    return all(value in _ANY for name, value in scope["headers"] if name == b"accept")

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
+from functools import lru_cache
 from typing import NamedTuple
 
 from contract.geometry import LatLon
@@ -22,6 +23,8 @@ SHARD_ZOOM = 6
 LEAST_EARTH_RADIUS_M = 6_335_439.0
 MERCATOR_LATITUDE_DEG = 85.0511287798066
 _COVER_SIDE = 4
+# Columns and rows of tiles, whose bits are spread on the way of every query.
+_REMEMBERED = 1 << 15
 
 
 def cell_of(position: LatLon) -> int:
@@ -100,8 +103,12 @@ class _Window(NamedTuple):
 
     def tiles(self, zoom: int) -> tuple[int, ...]:
         """Ascending Morton codes of the tiles that the window touches."""
-        xs = [_spread(x % (1 << zoom)) for x in self._columns(zoom)]
-        ys = [_spread(y) << 1 for y in self._rows(zoom)]
+        side = 1 << zoom
+        columns, rows = self._columns(zoom), self._rows(zoom)
+        if len(columns) == len(rows) == 1:
+            return (_spread(columns[0] % side) | _spread(rows[0]) << 1,)
+        xs = [_spread(x % side) for x in columns]
+        ys = [_spread(y) << 1 for y in rows]
         return tuple(sorted({x | y for x in xs for y in ys}))
 
     def _columns(self, zoom: int) -> range:
@@ -137,14 +144,16 @@ def _across(longitude_deg: float) -> float:
 
 
 def _down(latitude_deg: float) -> float:
-    clamped_rad = math.radians(max(-MERCATOR_LATITUDE_DEG, min(MERCATOR_LATITUDE_DEG, latitude_deg)))
-    return (1 - math.asinh(math.tan(clamped_rad)) / math.pi) / 2
+    if abs(latitude_deg) > MERCATOR_LATITUDE_DEG:
+        latitude_deg = math.copysign(MERCATOR_LATITUDE_DEG, latitude_deg)
+    return (1 - math.asinh(math.tan(math.radians(latitude_deg))) / math.pi) / 2
 
 
 def _row(down: float, zoom: int) -> int:
     return max(0, min((1 << zoom) - 1, math.floor(down * (1 << zoom))))
 
 
+@lru_cache(maxsize=_REMEMBERED)
 def _spread(value: int) -> int:
     """Put a zero between the bits of a number below 2^32 (the usual magic masks)."""
     value = (value | value << 16) & 0x0000FFFF0000FFFF

@@ -101,7 +101,7 @@ async def get_obstacles(
         links.append(representation.next_link(request, query.cursor_behind(more_behind), form.media_type))
     marks = (collection.mark_of(feature.id, feature.properties.revision) for feature in features)
     tag = collection.tag(marks, form.name, [link.href for link in links])
-    if representation.holds(request, tag):
+    if representation.holds(request.headers.get("if-none-match"), tag):
         return representation.unchanged(tag, links)
     return representation.answer(request, form.page(features, links, datetime.now(UTC)), form.media_type, tag, links)
 

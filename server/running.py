@@ -50,7 +50,7 @@ def listening(app: FastAPI, settings: Settings) -> uvicorn.Config:
         http=BoundedHttp,
         ws=QuietWebSocket,
         log_config=None,
-        # `server.edge` writes a better one: these lines have the query, and so positions.
+        # `server.journal` writes a better one: these lines have the query, and so positions.
         access_log=False,
         server_header=False,
         proxy_headers=bool(settings.trusted_proxies),

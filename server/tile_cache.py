@@ -1,36 +1,27 @@
 """Encoded features in memory, by tile: what nearby queries are answered from. Bounded; pure but for its own state.
 
-A tile is a few columns, not an object for each feature: the garbage collector looks at every object that can hold
-others, and with a million features each of its rounds stopped the process for tens of milliseconds.
+A feature is one plain tuple of numbers and bytes: the garbage collector stops looking at such, and with a million
+objects that it looks at each of its rounds stopped the process for tens of milliseconds.
 """
 
 from __future__ import annotations
 
-from array import array
+import math
+from bisect import bisect_left, bisect_right
 from collections import OrderedDict
-from collections.abc import Iterable, MutableSequence
-from dataclasses import dataclass
-from itertools import pairwise
+from collections.abc import Iterable
 from operator import itemgetter
-from typing import NamedTuple, TypeVar
-
-import numpy as np
-from numpy.typing import NDArray
+from typing import NamedTuple
 
 from contract.geometry import LatLon
-from server.geodesy import FloatArray, distance_m, metres_per_degree
+from server.geodesy import LocalMetric, distance_m, local_metric, mercator
 
-T = TypeVar("T")
-
-# The local metric differs from the geodesic by less than 0.8e-9 of the distance squared, up to 85 degrees and 4 km.
-_ERROR_PER_M2 = 2e-9
-# Up to 85 degrees a circle of 2 km and a tile reach less far.
-_NEAR_THE_ANTIMERIDIAN_DEG = 179.0
-# Differences of degrees in floats, as metres.
-_LEAST_ERROR_M = 1e-7
+_TURN = 2 * math.pi
+# Of sums and products of floats, with room.
+_ROUNDING = 1e-9
 _ID_BYTES = 16
-# What a cached feature takes besides its text: two objects, an entry in each column and in the dictionary.
-_OVERHEAD_BYTES = 300
+# What a cached feature takes besides its text: a tuple of five objects, a place in the list and in the dictionary.
+_OVERHEAD_BYTES = 420
 
 
 class Served(NamedTuple):
@@ -51,112 +42,89 @@ class TileChange(NamedTuple):
     served: Served | None
 
 
-Found = tuple[float, bytes, bytes, float, float]
-"""A feature within a circle: its distance in metres (the local metric's, but for near ties: `in_order`), mark, encoded
-text, latitude and longitude in degrees. A plain tuple, since making named ones took a fifth of a query.
-"""
+Entry = tuple[complex, int, bytes, bytes, float, float]
+"""A feature in memory: its place by `mercator`, expiry, mark, text, latitude and longitude in degrees."""
+
+Found = tuple[float, bytes, Entry]
+"""A feature in a circle: its distance in metres (the local metric's, but for near ties: `in_order`), mark, entry."""
 
 
-@dataclass(frozen=True, slots=True)
-class _Columns:
-    """The numbers of a tile as arrays, for searching."""
+class Around(NamedTuple):
+    """A circle, and how distances from its centre are measured."""
 
-    latitude_deg: FloatArray
-    longitude_deg: FloatArray
-    expires_at_us: NDArray[np.int64]
-    soonest_us: int
+    centre: LatLon
+    radius_m: float
+    metric: LocalMetric
+
+
+def around(centre: LatLon, radius_m: float) -> Around:
+    """A circle of a few km at most."""
+    return Around(centre, radius_m, local_metric(centre))
 
 
 class TileFeatures:
-    """The live obstacles of one tile, as of a version of the tile."""
+    """The live obstacles of one tile, as of a version of the tile, from south to north."""
 
     def __init__(self, version: int, features: Iterable[Served]) -> None:
         self.version = version
         self.size_bytes = 0
-        self._index: dict[bytes, int] = {}
-        self._marks: list[bytes] = []
-        self._bodies: list[bytes] = []
-        self._latitude_deg, self._longitude_deg, self._expires_at_us = array("d"), array("d"), array("q")
-        self._columns: _Columns | None = None
-        for feature in features:
+        self._by_id: dict[bytes, Entry] = {}
+        # From south to north, and how far north they are: numbers are compared faster than entries.
+        self._entries: list[Entry] = []
+        self._norths: list[float] = []
+        # In the order in which they are read, so that they lie side by side in memory too.
+        for feature in sorted(features, key=itemgetter(1)):
             self._add(feature)
 
     def apply(self, change: TileChange) -> None:
         """Take the next change of the tile."""
-        self._columns = None
         self.version = change.seq
         self._drop(change.identifier)
         if change.served is not None:
             self._add(change.served)
 
-    def within(self, centre: LatLon, radius_m: float, now_us: int) -> list[Found]:
-        """Features within a geodesic radius (a few km at most) that have not expired."""
-        if not self._marks:
-            return []
-        columns = self._columns = self._columns or self._as_arrays()
-        north_deg = columns.latitude_deg - centre.latitude_deg
-        east_deg = columns.longitude_deg - centre.longitude_deg
-        if abs(centre.longitude_deg) > _NEAR_THE_ANTIMERIDIAN_DEG:
-            east_deg -= 360.0 * np.rint(east_deg / 360.0)
-        north_scale_m, east_scale_m, east_slope_m = metres_per_degree(centre.latitude_deg)
-        east_m = (east_scale_m + east_slope_m * north_deg) * east_deg
-        north_m = north_scale_m * north_deg
-        squared_m2 = north_m * north_m + east_m * east_m
-        error_m = _error_m(radius_m)
-        inside = squared_m2 <= (radius_m + error_m) ** 2
-        if columns.soonest_us <= now_us:
-            inside &= columns.expires_at_us > now_us
-        return self._nearer(inside.nonzero()[0], squared_m2, radius_m - error_m, centre, radius_m)
+    def about(self, circle: Around, now_us: int) -> list[Found]:
+        """What has not expired and may lie within the circle, if not exactly: `in_order` decides.
 
-    def _nearer(
-        self, near: NDArray[np.intp], squared_m2: FloatArray, sure_m: float, centre: LatLon, radius_m: float
-    ) -> list[Found]:
-        """Those of some features that are within the radius; beyond `sure_m` the geodesic decides."""
-        distances_m = np.sqrt(squared_m2[near]).tolist()
-        columns = (self._marks, self._bodies, self._latitude_deg, self._longitude_deg)
-        if len(distances_m) == 0:
+        Some hundred features lie at a circle's latitudes: comparing them one by one takes less than NumPy's overhead.
+        """
+        if not self._entries:
             return []
-        if len(distances_m) == 1:
-            index = int(near[0])
-            found = [(distances_m[0], *(column[index] for column in columns))]
-        else:
-            picked = itemgetter(*near.tolist())
-            found = list(zip(distances_m, *(picked(column) for column in columns), strict=True))
-        if max(distances_m) <= sure_m:
-            return found
-        return [item for item in found if item[0] <= sure_m or _geodesic_m(item, centre) <= radius_m]
-
-    def _as_arrays(self) -> _Columns:
-        return _Columns(
-            np.array(self._latitude_deg, dtype=np.float64),
-            np.array(self._longitude_deg, dtype=np.float64),
-            np.array(self._expires_at_us, dtype=np.int64),
-            min(self._expires_at_us),
-        )
+        middle, scale_m, sine = circle.metric
+        # Across the antimeridian the tile lies a turn away.
+        turns = round((self._entries[0][0].real - middle.real) / _TURN)
+        if turns:
+            middle += turns * _TURN
+        # The scale within the circle is nowhere less than this.
+        reach = circle.radius_m * (1 + _ROUNDING) / (scale_m * (1 - circle.radius_m / scale_m))
+        bend_m = scale_m * sine / 2
+        first = bisect_left(self._norths, middle.imag - reach)
+        last = bisect_right(self._norths, middle.imag + reach, first)
+        # As `LocalMetric.distance_m` has it, without a call for each.
+        return [
+            (apart * (scale_m - bend_m * way.imag), entry[2], entry)
+            for entry in self._entries[first:last]
+            if (apart := abs(way := entry[0] - middle)) <= reach and entry[1] > now_us
+        ]
 
     def _add(self, feature: Served) -> None:
-        self._drop(feature.mark[:_ID_BYTES])
-        self._index[feature.mark[:_ID_BYTES]] = len(self._marks)
-        self._marks.append(feature.mark)
-        self._bodies.append(feature.body)
-        self._latitude_deg.append(feature.latitude_deg)
-        self._longitude_deg.append(feature.longitude_deg)
-        self._expires_at_us.append(feature.expires_at_us)
-        self.size_bytes += _OVERHEAD_BYTES + len(feature.body)
+        mark, latitude_deg, longitude_deg, expires_at_us, body = feature
+        self._drop(mark[:_ID_BYTES])
+        place = mercator(latitude_deg, longitude_deg)
+        entry = self._by_id[mark[:_ID_BYTES]] = (place, expires_at_us, mark, body, latitude_deg, longitude_deg)
+        index = bisect_left(self._norths, place.imag)
+        self._norths.insert(index, place.imag)
+        self._entries.insert(index, entry)
+        self.size_bytes += _OVERHEAD_BYTES + len(body)
 
     def _drop(self, identifier: bytes) -> None:
-        """Take a feature out, if it is there; the last one takes its place."""
-        index = self._index.pop(identifier, None)
-        if index is None:
+        """Take a feature out, if it is there."""
+        entry = self._by_id.pop(identifier, None)
+        if entry is None:
             return
-        self.size_bytes -= _OVERHEAD_BYTES + len(self._bodies[index])
-        _replace_by_last(self._marks, index)
-        _replace_by_last(self._bodies, index)
-        _replace_by_last(self._latitude_deg, index)
-        _replace_by_last(self._longitude_deg, index)
-        _replace_by_last(self._expires_at_us, index)
-        if index < len(self._marks):
-            self._index[self._marks[index][:_ID_BYTES]] = index
+        self.size_bytes -= _OVERHEAD_BYTES + len(entry[3])
+        index = self._entries.index(entry, bisect_left(self._norths, entry[0].imag))
+        del self._norths[index], self._entries[index]
 
 
 class TileCache:
@@ -198,31 +166,33 @@ class TileCache:
             self.size_bytes -= oldest.size_bytes
 
 
-def in_order(found: Iterable[Found], centre: LatLon) -> list[Found]:
-    """By geodesic distance, then by id; the geodesic is only solved where the local metric cannot tell."""
+def in_order(found: Iterable[Found], circle: Around) -> list[Found]:
+    """Those within the radius by geodesic distance, then by id.
+
+    The geodesic is only solved where the local metric cannot tell: at the edge, and between near ties.
+    """
     ordered = sorted(found)
+    error_m = circle.metric.error_m(circle.radius_m)
+    while ordered and ordered[-1][0] > circle.radius_m + error_m:
+        ordered.pop()
     if not ordered:
         return ordered
     # No two are closer to a tie than the farthest may be wrong.
-    least_gap_m = 2 * _error_m(ordered[-1][0])
-    close = [index for index, (one, next_) in enumerate(pairwise(ordered)) if next_[0] - one[0] <= least_gap_m]
+    least_gap_m, before_m = 2 * error_m, -math.inf
+    close: set[int] = set()
+    for index, item in enumerate(ordered):
+        if item[0] - before_m <= least_gap_m:
+            close.update((index - 1, index))
+        before_m = item[0]
+    if before_m > circle.radius_m - error_m:
+        close.update(index for index, item in enumerate(ordered) if item[0] > circle.radius_m - error_m)
     if not close:
         return ordered
-    for index in sorted({*close, *(index + 1 for index in close)}):
-        ordered[index] = (_geodesic_m(ordered[index], centre), *ordered[index][1:])
-    return sorted(ordered)
+    for index in close:
+        _, mark, entry = ordered[index]
+        ordered[index] = (_geodesic_m(entry, circle.centre), mark, entry)
+    return [item for item in sorted(ordered) if item[0] <= circle.radius_m]
 
 
-def _replace_by_last(column: MutableSequence[T], index: int) -> None:
-    last = column.pop()
-    if index < len(column):
-        column[index] = last
-
-
-def _error_m(distance_m: float) -> float:
-    return _LEAST_ERROR_M + _ERROR_PER_M2 * distance_m * distance_m
-
-
-def _geodesic_m(feature: Found, centre: LatLon) -> float:
-    place = LatLon(latitude_deg=feature[3], longitude_deg=feature[4])
-    return distance_m(centre, place)
+def _geodesic_m(entry: Entry, centre: LatLon) -> float:
+    return distance_m(centre, LatLon(latitude_deg=entry[4], longitude_deg=entry[5]))

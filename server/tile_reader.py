@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from datetime import UTC, datetime, timedelta
+from uuid import UUID
 
-from sqlalchemy import RowMapping, bindparam, select
+from sqlalchemy import bindparam, select
+from sqlalchemy.ext.asyncio import AsyncConnection
 
 from contract.observation import State
 from contract.obstacle import ObstacleFeature
@@ -13,6 +15,7 @@ from server import rows, tables
 from server.collection import mark_of
 from server.database import Database
 from server.features import feature_of
+from server.identity import shard_of_id
 from server.policy import Life
 from server.quadkey import cell_of, cells_of_tile, shard_of_tile, tile_of_cell
 from server.statements import numbered, padded, tile_versions
@@ -30,10 +33,15 @@ _VERSION = select(tables.tile.c.version).where(
     tables.tile.c.shard == bindparam("shard"), tables.tile.c.tile == bindparam("tile")
 )
 _VERSIONS = "SELECT tile, version FROM tile WHERE shard = ANY($1::int2[]) AND tile = ANY($2::int8[])"
-_LIVE = select(_obstacle).where(
+# The texts as they are served, and no more: shapes with their points are ten times as long.
+_SERVED = (_obstacle.c.id, _obstacle.c.revision, _obstacle.c.latitude_deg, _obstacle.c.longitude_deg)
+_LIVE = select(*_SERVED, _obstacle.c.expires_at, _obstacle.c.feature).where(
     _obstacle.c.cell.between(bindparam("low"), bindparam("high")),
     _obstacle.c.state != State.REMOVED.value,
     _obstacle.c.expires_at > bindparam("now", type_=_obstacle.c.expires_at.type),
+)
+_WHOLE = select(_obstacle).where(
+    _obstacle.c.shard == bindparam("shard"), _obstacle.c.id == bindparam("id", type_=_obstacle.c.id.type)
 )
 _CHANGES = (
     select(_event.c.seq, _event.c.body)
@@ -68,11 +76,11 @@ class TileReader:
             version = (await connection.execute(_VERSION, here)).scalar_one()
             while True:
                 values = {"low": low, "high": high, "now": datetime.now(UTC)}
-                found = (await connection.execute(_LIVE, values)).mappings().all()
+                found = (await connection.execute(_LIVE, values)).all()
                 before, version = version, (await connection.execute(_VERSION, here)).scalar_one()
                 # Between two equal versions nothing has changed.
                 if before == version:
-                    return TileFeatures(version, [self._served(row) for row in found])
+                    return TileFeatures(version, [await self._served(connection, *row) for row in found])
 
     async def changes(self, tile: int, after: int) -> list[TileChange] | None:
         """What changed in a tile after a version; None when that is too much, or no longer in the log."""
@@ -88,17 +96,22 @@ class TileReader:
             return None
         return [(row.seq, row.body) for row in found]
 
-    def _served(self, row: RowMapping) -> Served:
-        body = row["feature"]
+    async def _served(
+        self,
+        connection: AsyncConnection,
+        identifier: UUID,
+        revision: int,
+        latitude_deg: float,
+        longitude_deg: float,
+        expires_at: datetime,
+        body: str | None,
+    ) -> Served:
         if body is None:
-            body = feature_of(rows.obstacle_of(row), self._life).model_dump_json()
-        return Served(
-            mark=mark_of(row["id"], row["revision"]),
-            latitude_deg=row["latitude_deg"],
-            longitude_deg=row["longitude_deg"],
-            expires_at_us=_microseconds(row["expires_at"]),
-            body=body.encode(),
-        )
+            # Stored before texts were, and not seen since.
+            row = (await connection.execute(_WHOLE, {"shard": shard_of_id(identifier), "id": identifier})).mappings()
+            body = feature_of(rows.obstacle_of(row.one()), self._life).model_dump_json()
+        mark = mark_of(identifier, revision)
+        return Served(mark, latitude_deg, longitude_deg, _microseconds(expires_at), body.encode())
 
 
 def _change(tile: int, seq: int, body: str) -> TileChange:

@@ -125,7 +125,7 @@ async def get_items(
     tag = collection.tag(
         (collection.mark_of(item.id, item.properties.revision) for item in page.features), matched, links
     )
-    if representation.holds(request, tag):
+    if representation.holds(request.headers.get("if-none-match"), tag):
         return representation.unchanged(tag)
     items = Items(
         features=tuple(map(features.item, page.features)),

@@ -157,7 +157,7 @@ async def test_without_a_key_the_connection_is_refused_before_it_is_accepted(
                 pass
         assert refused.value.response.status_code == 401
         assert json.loads(refused.value.response.body)["type"] == "urn:headsup:problem:unauthenticated"
-    told = [getattr(record, FIELDS) for record in caplog.records if record.name == "server.edge"]
+    told = [getattr(record, FIELDS) for record in caplog.records if record.name == "server.journal"]
     assert [(item["method"], item["route"], item["status"]) for item in told] == [("GET", "/v1/events", 401)] * 2
     # What is somebody else's mistake is no error of ours.
     assert max(record.levelno for record in caplog.records) <= logging.INFO

@@ -12,7 +12,9 @@ import pytest
 
 from contract.geometry import Kind, LatLon
 from contract.observation import ObservationReport
+from server.app import create_app
 from server.around import geodesic
+from server.settings import Settings
 from tests.integration.asking import AROUND_PATRAS, JSON, ago, created, near, obstacles, pages, posted
 from tests.unit.server.making import PATRAS, detection, message
 
@@ -281,3 +283,35 @@ async def test_a_body_that_is_no_json_is_refused(client: httpx.AsyncClient) -> N
         answer = await client.post("/v1/observations", content=b"{}", headers=headers)
         assert (answer.status_code, answer.json()["type"]) == (415, "urn:headsup:problem:unsupported-media-type")
     assert (await client.post("/v1/observations", content=b"{}", headers=JSON)).status_code == 422
+
+
+@pytest.mark.parametrize("accepted", ["identity", "gzip"])
+async def test_what_is_answered_from_memory_and_by_sql_are_the_same_bytes_and_headers(
+    client: httpx.AsyncClient, accepted: str
+) -> None:
+    await created(client, *scattered(40))
+    for circle in (AROUND_PATRAS, AROUND_PATRAS | {"radius_m": 300}, {"lat": 1.0, "lon": 1.0}):
+        answers = [
+            await client.get("/v1/obstacles", params=circle | form, headers={"Accept-Encoding": accepted})
+            for form in ({}, {"f": "geojson"})
+        ]
+        said = [{**answer.headers, "x-request-id": ""} for answer in answers]
+        assert (said[0], answers[0].content) == (said[1], answers[1].content)
+        held = {"If-None-Match": answers[0].headers["etag"]}
+        again = [
+            await client.get("/v1/obstacles", params=circle | form, headers=held) for form in ({}, {"f": "geojson"})
+        ]
+        assert [answer.status_code for answer in again] == [304, 304]
+        assert [{**answer.headers, "x-request-id": ""} for answer in again[1:]] == [
+            {**again[0].headers, "x-request-id": ""}
+        ]
+
+
+async def test_a_fault_of_the_way_from_memory_is_answered_by_sql(settings: Settings) -> None:
+    app = create_app(settings)
+    async with app.router.lifespan_context(app):
+        transport = httpx.ASGITransport(app, raise_app_exceptions=False)
+        async with httpx.AsyncClient(transport=transport, base_url="http://localhost") as client:
+            (identifier,) = await created(client, scattered(1)[0])
+            app.state.parts.nearby._cache = None
+            assert [item.id for item in await obstacles(client, **AROUND_PATRAS)] == [identifier]

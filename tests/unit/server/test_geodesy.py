@@ -8,7 +8,7 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 
 from contract.geometry import LatLon
-from server.geodesy import distance_m, is_within, offset_from
+from server.geodesy import distance_m, is_within, local_metric, mercator, offset_from
 
 places = st.builds(LatLon, latitude_deg=st.floats(-89.9, 89.9), longitude_deg=st.floats(-180, 180))
 
@@ -26,3 +26,17 @@ def test_what_is_within_a_radius_is_what_the_geodesic_says(
 ) -> None:
     other = offset_from(centre, apart_m * math.sin(azimuth_rad), apart_m * math.cos(azimuth_rad))
     assert is_within(centre, other, radius_m) is (distance_m(centre, other) <= radius_m)
+
+
+@given(
+    st.builds(LatLon, latitude_deg=st.floats(-85.05, 85.05), longitude_deg=st.floats(-179, 179)),
+    st.floats(0, 2 * math.pi),
+    st.floats(0, 4_000),
+)
+@example(LatLon(latitude_deg=85.05, longitude_deg=0.0), 0.1, 4_000.0)
+def test_the_local_metric_is_the_geodesic_but_for_its_stated_error(
+    centre: LatLon, azimuth_rad: float, apart_m: float
+) -> None:
+    other = offset_from(centre, apart_m * math.sin(azimuth_rad), apart_m * math.cos(azimuth_rad))
+    metric, true_m = local_metric(centre), distance_m(centre, other)
+    assert abs(metric.distance_m(mercator(other.latitude_deg, other.longitude_deg)) - true_m) <= metric.error_m(true_m)

@@ -5,14 +5,13 @@ from __future__ import annotations
 import math
 from uuid import UUID
 
-import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
 from contract.geometry import LatLon
 from server.collection import mark_of
-from server.geodesy import distance_m, metres_per_degree, offset_from
-from server.tile_cache import Found, Served, TileCache, TileChange, TileFeatures, in_order
+from server.geodesy import distance_m, offset_from
+from server.tile_cache import Found, Served, TileCache, TileChange, TileFeatures, around, in_order
 
 NOW_US = 1_000_000
 places = st.builds(LatLon, latitude_deg=st.floats(-84, 84), longitude_deg=st.floats(-180, 180))
@@ -27,6 +26,11 @@ def on_ring(centre: LatLon, azimuth_rad: float, radius_m: float) -> LatLon:
     return offset_from(centre, radius_m * math.sin(azimuth_rad), radius_m * math.cos(azimuth_rad))
 
 
+def within(tile: TileFeatures, centre: LatLon, radius_m: float) -> list[Found]:
+    circle = around(centre, radius_m)
+    return in_order(tile.about(circle, NOW_US), circle)
+
+
 def number_of(item: Found) -> int:
     return int.from_bytes(item[1][:16])
 
@@ -36,11 +40,17 @@ def number_of(item: Found) -> int:
 def test_what_lies_within_a_radius_is_what_the_geodesic_says(
     centre: LatLon, offsets_m: list[tuple[float, float]], radius_m: float
 ) -> None:
-    around = [offset_from(centre, east_m, north_m) for east_m, north_m in offsets_m]
-    tile = TileFeatures(1, [served(number, place) for number, place in enumerate(around)])
-    found = {number_of(item): item[0] for item in tile.within(centre, radius_m, NOW_US)}
-    wanted = {n: distance_m(place, centre) for n, place in enumerate(around) if distance_m(place, centre) <= radius_m}
-    assert found == pytest.approx(wanted, rel=1e-5, abs=1e-6)
+    placed = [offset_from(centre, east_m, north_m) for east_m, north_m in offsets_m]
+    circle = around(centre, radius_m)
+    # A tile ends at the antimeridian.
+    of_tile: tuple[list[Served], list[Served]] = ([], [])
+    for number, place in enumerate(placed):
+        of_tile[place.longitude_deg < 0].append(served(number, place))
+    about = [item for features in of_tile for item in TileFeatures(1, features).about(circle, NOW_US)]
+    found = {number_of(item): item[0] for item in in_order(about, circle)}
+    wanted = {n: distance_m(place, centre) for n, place in enumerate(placed) if distance_m(place, centre) <= radius_m}
+    assert found.keys() == wanted.keys()
+    assert all(abs(found[n] - wanted[n]) <= circle.metric.error_m(radius_m) for n in found)
 
 
 @given(places, st.lists(st.tuples(st.integers(0, 359), st.floats(-1e-4, 1e-4)), max_size=12), st.floats(1, 1900))
@@ -56,7 +66,7 @@ def test_near_ties_are_in_the_order_of_the_geodesic_and_then_of_the_id(
     ]
     twice = [*ring, *ring]
     tile = TileFeatures(1, [served(len(twice) - number, place) for number, place in enumerate(twice)])
-    found = in_order(tile.within(centre, 2000, NOW_US), centre)
+    found = within(tile, centre, 2000)
     wanted = sorted((distance_m(centre, place), len(twice) - number) for number, place in enumerate(twice))
     assert [number_of(item) for item in found] == [number for _, number in wanted]
 
@@ -72,30 +82,24 @@ def test_a_tile_changed_again_and_again_holds_what_a_new_one_would(changes: list
         if item is not None:
             known[number] = item
     anew = TileFeatures(tile.version, known.values())
-    assert sorted(tile.within(here, 1, NOW_US)) == sorted(anew.within(here, 1, NOW_US))
+    assert sorted(within(tile, here, 1)) == sorted(within(anew, here, 1))
     assert tile.size_bytes == anew.size_bytes
-
-
-def test_the_metric_is_the_ellipsoids() -> None:
-    """Lengths of a degree at 60 degrees north, from the usual tables: 111,412 m and 55,800 m."""
-    north_m, east_m, _ = metres_per_degree(60.0)
-    assert (north_m, east_m) == (pytest.approx(111_412, abs=1), pytest.approx(55_800, abs=1))
 
 
 def test_what_has_expired_is_not_served() -> None:
     here = LatLon(latitude_deg=38.0, longitude_deg=21.0)
     tile = TileFeatures(1, [served(1, here), served(2, here, expires_at_us=NOW_US)])
-    assert [number_of(item) for item in tile.within(here, 10, NOW_US)] == [1]
+    assert [number_of(item) for item in within(tile, here, 10)] == [1]
 
 
 def test_changes_replace_and_drop_features() -> None:
     here, there = LatLon(latitude_deg=38.0, longitude_deg=21.0), LatLon(latitude_deg=38.0001, longitude_deg=21.0)
     tile = TileFeatures(4, [served(1, here), served(2, here)])
-    assert len(tile.within(here, 1, NOW_US)) == 2
+    assert len(within(tile, here, 1)) == 2
     tile.apply(TileChange(5, UUID(int=1).bytes, None))
     tile.apply(TileChange(6, UUID(int=2).bytes, served(2, there)))
     tile.apply(TileChange(7, UUID(int=3).bytes, served(3, here, size=50)))
-    assert [number_of(item) for item in tile.within(here, 1, NOW_US)] == [3]
+    assert [number_of(item) for item in within(tile, here, 1)] == [3]
     assert tile.version == 7
     assert tile.size_bytes == TileFeatures(1, [served(2, there), served(3, here, size=50)]).size_bytes
 
