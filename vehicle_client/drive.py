@@ -10,7 +10,6 @@ from uuid import UUID, uuid4
 
 import numpy as np
 
-from contract.events import ServerMessage
 from contract.observation import MAX_DETECTIONS, MAX_INSPECTIONS, ObservationReport, ReportResult
 from contract.obstacle import ObstacleFeature
 from detector.accumulator import Accumulator, accumulate, hits_around
@@ -22,9 +21,10 @@ from vehicle_client import alerts, obstacle_map, pose, reporting, tracking, watc
 from vehicle_client.alerts import Alerts
 from vehicle_client.alignment import Alignment, align
 from vehicle_client.ar.scene import Scene, compose
+from vehicle_client.area import Heard
 from vehicle_client.calibration import CameraCalibration, VehicleCalibration, curvature_of
 from vehicle_client.frames import Matrix, apply
-from vehicle_client.link import ServerLink
+from vehicle_client.link import Link
 from vehicle_client.obstacle_map import ObstacleMap
 from vehicle_client.pose import Pose
 from vehicle_client.sources.frame import LidarFrame
@@ -53,14 +53,14 @@ class Step:
     tracks: tuple[Track, ...]
     known: ObstacleMap
     alerts: Alerts
-    told: tuple[ServerMessage, ...]
+    told: tuple[Heard, ...]
     answers: tuple[Answer, ...]
 
 
 class Vehicle:
     """A vehicle on a drive. The state is values; `step` folds one frame into them and talks to the server."""
 
-    def __init__(self, calibration: VehicleCalibration, link: ServerLink, *, pseudonym: str) -> None:
+    def __init__(self, calibration: VehicleCalibration, link: Link, *, pseudonym: str) -> None:
         self._calibration = calibration
         self._link = link
         self._pseudonym = pseudonym
@@ -106,18 +106,18 @@ class Vehicle:
             answers += self._report(last.pose, at_end=True)
         return answers + self._deliver()
 
-    def _exchange(self, here: Pose) -> tuple[tuple[ServerMessage, ...], tuple[Answer, ...]]:
+    def _exchange(self, here: Pose) -> tuple[tuple[Heard, ...], tuple[Answer, ...]]:
         """Hear the server and send it what waits, also from an earlier drive, once in a while."""
         if here.stamp_s - self._heard_s < HEAR_EVERY_S:
             return (), ()
         self._heard_s = here.stamp_s
         return self._hear(here), self._deliver()
 
-    def _hear(self, here: Pose) -> tuple[ServerMessage, ...]:
+    def _hear(self, here: Pose) -> tuple[Heard, ...]:
         told = tuple(self._link.hear(here.position))
         for message in told:
             self._known = obstacle_map.apply(self._known, message, here.stamp_s)
-        self._known = obstacle_map.drop_expired(self._known, here.stamp_s)
+        self._known = obstacle_map.around(self._known, here.position, here.stamp_s)
         return told
 
     def _due(self, here: Pose, *, at_end: bool) -> tuple[list[Track], list[ObstacleFeature]]:

@@ -12,13 +12,15 @@ from pathlib import Path
 import httpx
 import pytest
 
-from contract.events import Appeared, Moved, Removed, Snapshot
+from contract.events import Appeared, Removed
 from contract.observation import ObservationReport, ReportStatus
 from contract.obstacle import ObstacleCollection
 from tests.integration.test_server_process import serving
 from tests.unit.server.making import HOUR, PATRAS, absent, detection, message
+from vehicle_client.area import Reached, Surveyed
+from vehicle_client.delivery import Deliverer
 from vehicle_client.obstacle_map import ObstacleMap, apply
-from vehicle_client.outbox import Outbox, OutboxError, deliver
+from vehicle_client.outbox import Outbox
 from vehicle_client.push import PushChannel, PushError
 
 SHORT_S = 1.0
@@ -46,9 +48,13 @@ def seen(vehicle: str = "ego1", east_m: float = 20.0, hours_ago: float = 2) -> O
     return message(detection(east_m), vehicle=vehicle, at=datetime.now(UTC) - hours_ago * HOUR)
 
 
+def delivered(outbox: Outbox, client: httpx.Client) -> list[ReportStatus]:
+    return [result.status for result in Deliverer(outbox, client).deliver()]
+
+
 def sent(outbox: Outbox, client: httpx.Client, report: ObservationReport) -> list[ReportStatus]:
     outbox.put(report)
-    return [result.status for result in deliver(outbox, client)]
+    return delivered(outbox, client)
 
 
 def sightings_near(client: httpx.Client) -> list[int]:
@@ -75,13 +81,13 @@ def test_the_first_exchange_gives_all_that_is_known_and_later_ones_what_others_f
     with serving() as (_, client), connected(str(client.base_url)) as channel:
         assert sent(outbox, client, seen("ego1")) == ["accepted"]
         (snapshot,) = channel.exchange(PATRAS)
-        assert isinstance(snapshot, Snapshot)
+        assert isinstance(snapshot, Surveyed)
         assert len(snapshot.obstacles) == 1
-        assert [type(said) for said in channel.exchange(PATRAS)] == [Moved]
+        assert [type(said) for said in channel.exchange(PATRAS)] == [Reached]
         assert sent(outbox, client, seen("ego2", east_m=-40)) == ["accepted"]
         appeared, moved = channel.exchange(PATRAS)
         assert isinstance(appeared, Appeared)
-        assert isinstance(moved, Moved)
+        assert isinstance(moved, Reached)
         assert appeared.obstacle.id != snapshot.obstacles[0].id
 
 
@@ -112,17 +118,17 @@ def test_a_killed_server_costs_nothing_but_time(outbox: Outbox) -> None:
             with pytest.raises(PushError):
                 channel.exchange(PATRAS)
         assert sent(outbox, client, seen("ego2")) == []
-        assert len(outbox.pending()) == 1
+        assert outbox.waiting == 1
         with pytest.raises(PushError, match="no push channel"):
             PushChannel(url, None, timeout_s=SHORT_S)
     with serving("--port", str(port)) as (_, client):
         assert str(client.base_url) == url
-        assert [result.status for result in deliver(outbox, client)] == ["accepted"]
-        assert deliver(outbox, client) == []
+        assert delivered(outbox, client) == ["accepted"]
+        assert delivered(outbox, client) == []
         assert sightings_near(client) == [2]
         with connected(url) as channel:
             (snapshot,) = channel.exchange(PATRAS)
-            assert isinstance(snapshot, Snapshot)
+            assert isinstance(snapshot, Surveyed)
             assert [feature.properties.sightings for feature in snapshot.obstacles] == [2]
 
 
@@ -131,8 +137,8 @@ def test_a_report_whose_answer_was_lost_counts_once(outbox: Outbox) -> None:
         with httpx.Client(transport=AnswersLost(), base_url=client.base_url) as unlucky:
             assert sent(outbox, unlucky, seen()) == []
         assert sightings_near(client) == [1]
-        assert [result.status for result in deliver(outbox, client)] == ["duplicate"]
-        assert outbox.pending() == []
+        assert delivered(outbox, client) == ["duplicate"]
+        assert outbox.waiting == 0
         assert sightings_near(client) == [1]
 
 
@@ -146,7 +152,7 @@ def test_a_server_that_stands_still_is_given_up_at_the_timeout(outbox: Outbox) -
             with httpx.Client(base_url=client.base_url, timeout=SHORT_S) as impatient:
                 assert sent(outbox, impatient, seen()) == []
             process.send_signal(signal.SIGCONT)
-        assert [result.status for result in deliver(outbox, client)] in (["accepted"], ["duplicate"])
+        assert delivered(outbox, client) in (["accepted"], ["duplicate"])
         assert sightings_near(client) == [1]
 
 
@@ -158,11 +164,13 @@ def test_a_wrong_key_is_refused_by_both_ways_and_the_report_stays(
         url = str(client.base_url)
         with pytest.raises(PushError, match="401"):
             PushChannel(url, "wrong")
-        with pytest.raises(OutboxError, match="401"):
-            sent(outbox, client, seen())
-        assert len(outbox.pending()) == 1
+        outbox.put(seen())
+        sender = Deliverer(outbox, client)
+        assert sender.deliver() == []
+        assert "401" in str(sender.refusal)
+        assert outbox.waiting == 1
         with connected(url, "the-operator's-key-of-the-tests-0123456789") as channel:
-            assert [type(said) for said in channel.exchange(PATRAS)] == [Snapshot]
+            assert [type(said) for said in channel.exchange(PATRAS)] == [Surveyed]
 
 
 @pytest.mark.parametrize("url", ["http://127.0.0.1:{port}", "http://", "nonsense", "ftp://127.0.0.1:{port}"])

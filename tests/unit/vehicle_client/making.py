@@ -9,11 +9,11 @@ from uuid import UUID
 
 import numpy as np
 
-from contract.events import Snapshot
 from contract.geometry import Box, BoxSd, Kind, LatLon, PlaneCovariance
 from contract.observation import State
 from contract.obstacle import ObstacleFeature, ObstacleProperties, PointGeometry
 from detector.types import DetectedObstacle, ObstacleKind, ShapeDescriptor
+from vehicle_client.area import Area, Surveyed
 from vehicle_client.calibration import CameraCalibration
 from vehicle_client.frames import GeoOrigin, Matrix, inverse, rigid, rotation_about_z, yaw_from_heading
 from vehicle_client.obstacle_map import ObstacleMap, apply
@@ -96,7 +96,7 @@ def feature(
 
 
 def map_of(*features: ObstacleFeature, heard_s: float = NOON_S) -> ObstacleMap:
-    return apply(ObstacleMap(), Snapshot(position_seq=1, obstacles=features), heard_s)
+    return apply(ObstacleMap(), Surveyed(Area(PATRAS, 5_000.0), features), heard_s)
 
 
 def seen(

@@ -11,8 +11,10 @@ from websockets.exceptions import ConnectionClosed
 from websockets.sync.server import ServerConnection, serve
 from websockets.typing import Subprotocol
 
-from contract.events import SUBPROTOCOL, Moved, Position, Snapshot
-from tests.unit.vehicle_client.making import PATRAS
+from contract.events import SUBPROTOCOL, Moved, Position, Snapshot, Updated
+from contract.geometry import LatLon
+from tests.unit.vehicle_client.making import PATRAS, feature
+from vehicle_client.area import Area, Reached, Surveyed
 from vehicle_client.push import AREA_RADIUS_M, PushChannel, PushError
 
 Behaviour = Callable[[ServerConnection], None]
@@ -47,19 +49,26 @@ def position_from(connection: ServerConnection) -> Position:
 def acknowledge_all(connection: ServerConnection) -> None:
     while True:
         seq = position_from(connection).position_seq
-        old = Moved(position_seq=seq - 1)
-        for said in (old, Snapshot(position_seq=seq, obstacles=()) if seq == 1 else Moved(position_seq=seq)):
+        old = [Moved(position_seq=seq - 1)] if seq > 1 else []
+        for said in (*old, Snapshot(position_seq=seq, obstacles=()) if seq == 1 else Moved(position_seq=seq)):
             connection.send(said.model_dump_json())
 
 
-def test_an_exchange_hears_everything_up_to_its_own_acknowledgement() -> None:
+def test_an_exchange_hears_everything_up_to_its_own_acknowledgement_with_the_area_that_is_meant() -> None:
+    places = [LatLon(latitude_deg=38.2 + n / 100, longitude_deg=21.7) for n in range(3)]
+    first, second, third = (Area(place, AREA_RADIUS_M) for place in places)
     with channel_to(acknowledge_all) as channel:
-        heard = [[(said.type, said.position_seq) for said in channel.exchange(PATRAS)] for _ in range(3)]
-    assert heard == [
-        [("moved", 0), ("snapshot", 1)],
-        [("moved", 1), ("moved", 2)],
-        [("moved", 2), ("moved", 3)],
-    ]
+        heard = [channel.exchange(place) for place in places]
+    assert heard == [[Surveyed(first, ())], [Reached(first), Reached(second)], [Reached(second), Reached(third)]]
+
+
+def test_a_server_that_speaks_of_a_place_where_the_car_never_was_is_an_error() -> None:
+    def strange(connection: ServerConnection) -> None:
+        connection.recv()
+        connection.send(Snapshot(position_seq=77, obstacles=()).model_dump_json())
+
+    with channel_to(strange) as channel, pytest.raises(PushError, match="position 77"):
+        channel.exchange(PATRAS)
 
 
 def test_the_car_says_where_it_is_and_how_far_it_listens() -> None:
@@ -96,7 +105,7 @@ def test_a_server_that_hangs_up_is_an_error_now_and_later() -> None:
 def test_a_server_that_never_acknowledges_is_given_up() -> None:
     def chatter(connection: ServerConnection) -> None:
         while True:
-            connection.send(Moved(position_seq=0).model_dump_json())
+            connection.send(Updated(position_seq=1, obstacle=feature()).model_dump_json())
 
     with channel_to(chatter, timeout_s=0.3) as channel, pytest.raises(PushError, match="not acknowledged"):
         channel.exchange(PATRAS)

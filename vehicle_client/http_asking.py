@@ -1,0 +1,60 @@
+"""One question over HTTP, bounded in time and size: a server, or what stands in its place, is trusted no further."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import httpx
+
+MAX_ANSWER_BYTES = 8 << 20
+"""A page of a thousand obstacles takes one mebibyte; answers to a batch of reports take a fraction of it."""
+
+
+class UnusableError(ValueError):
+    """An address or a key that no request can be made with."""
+
+
+@dataclass(frozen=True, slots=True)
+class Answer:
+    """Status, headers by their lower-case names, and the whole body."""
+
+    status: int
+    headers: Mapping[str, str]
+    content: bytes
+
+
+def client_for(server_url: str, api_key: str | None, timeout_s: float) -> httpx.Client:
+    """A client of a server. Raises `UnusableError` for an address or key that cannot be used."""
+    headers = {"Authorization": f"Bearer {api_key}"} if api_key else {}
+    try:
+        return httpx.Client(base_url=server_url, headers=headers, timeout=timeout_s)
+    except (httpx.InvalidURL, UnicodeError, ValueError) as error:
+        raise UnusableError(f"{server_url} with this key cannot be asked: {error}") from None
+
+
+def ask(
+    client: httpx.Client,
+    method: str,
+    url: str,
+    *,
+    within_s: float,
+    content: bytes | None = None,
+    headers: Mapping[str, str] | None = None,
+    params: Mapping[str, str] | None = None,
+) -> Answer:
+    """Ask, and read the answer within `within_s` and `MAX_ANSWER_BYTES`. Raises `httpx.RequestError` if there is none.
+
+    Time and size are counted as bytes come in; between two bytes the client's own time-out holds.
+    """
+    deadline_s = time.monotonic() + within_s
+    with client.stream(method, url, content=content, headers=headers, params=params) as response:
+        body = bytearray()
+        for chunk in response.iter_bytes():
+            body += chunk
+            if len(body) > MAX_ANSWER_BYTES:
+                raise httpx.ReadError(f"the answer exceeds {MAX_ANSWER_BYTES} bytes")
+            if time.monotonic() > deadline_s:
+                raise httpx.ReadTimeout(f"the answer was not complete within {within_s} s")
+        return Answer(response.status_code, response.headers, bytes(body))
