@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -36,6 +37,9 @@ ELEMENT_TYPES = {
 }
 
 
+OWN_METADATA = ("heading_rad", "course_rad", "speed_mps")
+
+
 def point_cloud(log_s: float, data: bytes) -> list[Reading]:
     """foxglove.PointCloud, in the frame of the sensor."""
     message = _parsed(PointCloud, data)
@@ -60,11 +64,14 @@ def raw_image(log_s: float, data: bytes) -> list[Reading]:
 
 
 def location_fix(log_s: float, data: bytes) -> list[Reading]:
-    """foxglove.LocationFix."""
+    """foxglove.LocationFix, with what our recorder puts in its metadata."""
     message = _parsed(LocationFix, data)
     known = message.position_covariance_type != LocationFix.UNKNOWN
     place = (message.latitude, message.longitude, message.altitude)
-    return [checked_fix(_stamp(message, log_s), place, list(message.position_covariance) if known else [])]
+    fix = checked_fix(_stamp(message, log_s), place, list(message.position_covariance) if known else [])
+    said = {pair.key: pair.value for pair in message.metadata}
+    heading_rad, course_rad, speed_mps = (_number(said[key]) if key in said else None for key in OWN_METADATA)
+    return [replace(fix, heading_rad=heading_rad, course_rad=course_rad, speed_mps=speed_mps)]
 
 
 def odometry(log_s: float, data: bytes) -> list[Reading]:
@@ -123,6 +130,13 @@ def _parsed(kind: Any, data: bytes) -> Any:
 
 def _stamp(message: Any, log_s: float) -> float:
     return checked_stamp(message.timestamp.seconds + message.timestamp.nanos / 1e9, log_s)
+
+
+def _number(text: str) -> float:
+    try:
+        return finite(float(text))
+    except ValueError as error:
+        raise SourceError(f"{text[:40]} is not a number") from error
 
 
 def _json(data: bytes) -> dict[str, Any]:

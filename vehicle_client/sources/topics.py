@@ -31,7 +31,7 @@ LIKELY: Mapping[Role, tuple[tuple[str, ...], ...]] = {
         ("top", "roof", "front", "center", "middle"),
         ("points_raw", "raw", "full"),
     ),
-    Role.IMAGE: (("front", "forward", "center", "middle", "rgb", "color", "left"), ("front", "forward"), ("color",)),
+    Role.IMAGE: (("front", "forward", "center", "middle", "rgb", "color"), ("front", "forward"), ("color",)),
     Role.FIX: (("fix", "gnss", "gps", "navsat"), ("fix",)),
     Role.IMU: (("imu/data", "imu"), ("imu/data",)),
     Role.ODOMETRY: (("odom",), ("wheel", "filtered")),
@@ -42,11 +42,16 @@ LIKELY: Mapping[Role, tuple[tuple[str, ...], ...]] = {
 
 UNLIKELY: Mapping[Role, tuple[str, ...]] = {
     Role.SWEEP: ("semantic", "filtered", "ground", "map", "cluster", "obstacle", "detection", "label", "radar"),
-    Role.IMAGE: ("semantic", "segment", "depth", "overlay", "mask", "right", "rear", "back", "infra", "thermal"),
+    Role.IMAGE: ("right", "left", "infra", "thermal"),
     Role.IMU: ("raw", "mag"),
     Role.MOTION: ("cmd",),
 }
-"""Words of what was made from measurements, or looks elsewhere."""
+"""Words of what was made from measurements, or looks elsewhere: taken if there is nothing else."""
+
+NEVER: Mapping[Role, tuple[str, ...]] = {
+    Role.IMAGE: ("overlay", "semantic", "segment", "depth", "mask", "rear", "back"),
+}
+"""Words of what is taken only if it is asked for: a picture that shows another scene is worse than none."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,8 +81,10 @@ def choose(topics: Sequence[Topic], asked: Mapping[str, str], place: object, oth
             if asked[role] and not found:
                 raise SourceError(f"{place}: no {role} topic {asked[role]}; there are {_listed(candidates)}")
             chosen += found
-        elif candidates:
-            chosen.append(_likeliest(role, candidates, place))
+            continue
+        able = [t for t in candidates if not any(word in t.name.lower() for word in NEVER.get(role, ()))]
+        if able:
+            chosen.append(_likeliest(role, able, place))
     if not any(topic.role is Role.SWEEP for topic in chosen):
         there = ", ".join([*(f"{t.name} ({t.type})" for t in topics), *others]) or "none at all"
         raise SourceError(
