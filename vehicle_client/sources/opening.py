@@ -7,6 +7,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Protocol
+from urllib.parse import urlsplit
 
 from vehicle_client.frames import GeoOrigin
 from vehicle_client.sources.carla_folder import LIDAR
@@ -17,6 +18,7 @@ from vehicle_client.sources.files import READERS
 from vehicle_client.sources.frame import LidarFrame, SourceError
 from vehicle_client.sources.kitti_odometry import KittiOdometry
 from vehicle_client.sources.kitti_raw import SWEEPS, KittiRaw
+from vehicle_client.sources.live_source import LiveSource, TcpCarrier, UdpCarrier
 from vehicle_client.sources.log_source import LogSource
 from vehicle_client.sources.mcap_log import McapLog, McapLogs
 from vehicle_client.sources.mcap_records import MAGIC
@@ -56,7 +58,7 @@ KNOWN = (
     "a recording in CARLA's layout (egoN/sensor.lidar.ray_cast), a drive of KITTI's raw data (velodyne_points), a "
     "KITTI odometry sequence (velodyne, times.txt), an MCAP file, a ROS bag, a folder of clouds ("
     + ", ".join(sorted(READERS))
-    + ")"
+    + "), udp://host:port or tcp://host:port"
 )
 
 SQLITE, ROSBAG = b"SQLite format 3\0", b"#ROSBAG V"
@@ -65,6 +67,8 @@ SQLITE, ROSBAG = b"SQLite format 3\0", b"#ROSBAG V"
 def open_source(place: str | Path, options: SourceOptions | None = None) -> CountingSource:
     """The drive that a path or an address holds; `SourceError` says what was expected."""
     asked = options or SourceOptions()
+    if isinstance(place, str) and "://" in place:
+        return open_live(place)
     if not 0 < asked.rate_hz < 1000:
         raise SourceError(f"a rate of {asked.rate_hz} sweeps a second: expected more than 0 and less than 1000")
     path = Path(place)
@@ -76,6 +80,20 @@ def open_source(place: str | Path, options: SourceOptions | None = None) -> Coun
     except OSError as error:
         raise SourceError(f"{place}: cannot be read: {error.strerror or error}") from error
     raise SourceError(f"{place}: no such file, folder or address; expected {KNOWN}")
+
+
+def open_live(address: str) -> LiveSource:
+    """A live sensor at `udp://host:port` (listens there) or `tcp://host:port` (connects to it)."""
+    try:
+        parts = urlsplit(address)
+        host, port = parts.hostname, parts.port
+    except ValueError as error:
+        raise SourceError(f"{address}: {error}; expected udp://host:port or tcp://host:port") from error
+    if parts.scheme not in ("udp", "tcp") or not host or port is None or parts.path not in ("", "/"):
+        raise SourceError(f"{address}: expected udp://host:port or tcp://host:port")
+    complaints = Complaints()
+    carrier = UdpCarrier(host, port, complaints) if parts.scheme == "udp" else TcpCarrier(host, port, complaints)
+    return LiveSource(carrier, complaints)
 
 
 def _open_folder(folder: Path, asked: SourceOptions) -> CountingSource:
