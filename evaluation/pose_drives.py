@@ -84,7 +84,8 @@ def _motions(data: dict[str, FloatArray], *, steering: bool) -> list[Motion]:
     wheels = np.radians(np.interp(data["speed_t"], data["steer_t"], data["steer"])) / STEERING_RATIO
     rates = data["speed"][:, 0] * np.tan(wheels) / 2.7 if steering else np.zeros(len(wheels))
     return [
-        Motion(float(t), float(v), float(r)) for t, v, r in zip(data["speed_t"], data["speed"][:, 0], rates, strict=True)
+        Motion(float(t), float(v), float(r))
+        for t, v, r in zip(data["speed_t"], data["speed"][:, 0], rates, strict=True)
     ]
 
 
@@ -112,10 +113,10 @@ def _enu(origin: GeoOrigin, ecef: FloatArray) -> FloatArray:
 
 
 def recorded_loop_drive(folder: Path, seed: int) -> PoseDrive:
-    """KITTI odometry's sequence 00: fixes at 1 Hz in local metres, odometry from a stereo SLAM's poses with more drift.
+    """KITTI odometry's sequence 00: fixes at 1 Hz in local metres; odometry from a stereo SLAM's poses, drifting more.
 
-    The truth is the SLAM's path laid on the fixes by one rigid motion; what is between them, some 2 m that change within
-    a minute, is the drift of the SLAM, and plays the receiver's slow error. The fixes state just that.
+    The truth is the SLAM's path laid on the fixes by one rigid motion; what is between them, some 2 m that change
+    within a minute, is the drift of the SLAM, and plays the receiver's slow error. The fixes state just that.
     """
     where = folder / "kitti00"
     try:

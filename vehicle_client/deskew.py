@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from vehicle_client.frames import Matrix, Vector
+from vehicle_client.frames import Matrix, Vector, rigid
 
 Float32Array = NDArray[np.float32]
 
@@ -24,6 +24,12 @@ class Twist:
 
     velocity_mps: Vector
     angular_rps: Vector
+
+    def now_from_then(self, after_s: float) -> Matrix:
+        """(4, 4) pose of the frame `after_s` later (or earlier, if negative) in the frame now."""
+        moved = deskew(np.vstack([np.zeros(3), np.eye(3)]).astype(np.float32), np.full(4, after_s, np.float32), self)
+        axes = moved.astype(np.float64)
+        return rigid((axes[1:] - axes[0]).T, axes[0])
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,7 +56,7 @@ def twist_between(before_from_now: Matrix, elapsed_s: float) -> Twist | None:
         return None
     turn = Rotation.from_matrix(before_from_now[:3, :3]).as_rotvec()
     angle = float(np.linalg.norm(turn))
-    cross = np.cross(np.eye(3), -turn)
+    cross = np.cross(np.eye(3), turn)
     # Inverse of the left Jacobian of SO(3); 1/12 is the limit of the factor for small angles.
     factor = 1 / 12 if angle < 1e-4 else (1 - angle / 2 / math.tan(angle / 2)) / angle**2
     left = np.eye(3) - cross / 2 + factor * cross @ cross

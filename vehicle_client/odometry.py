@@ -10,7 +10,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from vehicle_client.calibration import VehicleCalibration, curvature_of
+from vehicle_client.calibration import curvature_of
 from vehicle_client.deskew import deskew, twist_between
 from vehicle_client.frames import Matrix, inverse, rigid, rotation_about_z
 from vehicle_client.sources.frame import LidarFrame, Motion
@@ -159,10 +159,10 @@ class ScanMatching:
         return frame.points_m if twist is None else deskew(frame.points_m, frame.point_time_s, twist)
 
 
-def tracker_for(frame: LidarFrame, calibration: VehicleCalibration, wheelbase_m: float) -> Tracker:
+def tracker_for(frame: LidarFrame, vehicle_from_sensor: Matrix, wheelbase_m: float) -> Tracker:
     """What follows the car on a drive whose first frame this is: the source's odometry, wheels, or the sweeps."""
     if frame.odom_from_vehicle is not None:
         return Given()
     if frame.motions or frame.speed_mps is not None:
         return Wheels(wheelbase_m)
-    return ScanMatching(calibration.vehicle_from_sensor)
+    return ScanMatching(vehicle_from_sensor)

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from vehicle_client.frames import Matrix, Vector, rigid, yaw_of
+from vehicle_client.frames import Matrix, Vector, yaw_of
 
 REMEMBERED_S = 1.5
 """Receivers and serial lines deliver within a second; what is older comes from a clock that is off."""
@@ -75,9 +75,3 @@ def in_axes_of(pose: PlanarPose, offset_m: Vector) -> Vector:
     """An offset in the plane of `odom`, (2,) or more, in the axes of the car at a pose, (2,)."""
     cos, sin = math.cos(pose.yaw_rad), math.sin(pose.yaw_rad)
     return np.array([cos * offset_m[0] + sin * offset_m[1], -sin * offset_m[0] + cos * offset_m[1]])
-
-
-def matrix_of(pose: PlanarPose) -> Matrix:
-    """`odom_from_vehicle` (4, 4) of a level car."""
-    cos, sin = math.cos(pose.yaw_rad), math.sin(pose.yaw_rad)
-    return rigid(np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]]), pose.place_m)
