@@ -44,7 +44,8 @@ class FaultyProxy:
     def __init__(self, server_port: int, random: Random, faults: float) -> None:
         self.server_port, self.faults = server_port, faults
         self.done: Counter[str] = Counter()
-        self._random = random
+        self._random, self._drawing = random, threading.Lock()
+        self._deck: list[str] = []
         self._listening = socket.create_server(("127.0.0.1", 0))
         self._open: set[socket.socket] = set()
         self._thread = threading.Thread(target=self._accept, daemon=True)
@@ -83,8 +84,7 @@ class FaultyProxy:
 
     def _answered(self, client: socket.socket, request: bytes) -> bool:
         """Deal with one request; whether the connection goes on."""
-        fault = self._random.choice(FAULTS) if self._random.random() < self.faults else "none"
-        self.done[fault] += 1
+        fault = self._drawn()
         if fault == "refused":
             return False
         if fault == "reset before":
@@ -107,6 +107,15 @@ class FaultyProxy:
         time.sleep({"late": LATE_S, "slow": SLOW_S}.get(fault, 0.0))
         client.sendall(answer[: len(answer) // 2] if fault == "half an answer" else answer)
         return fault not in ("half an answer", "late")
+
+    def _drawn(self) -> str:
+        """The next fault: all of them in turn, in an order of chance, so that a short run has each."""
+        with self._drawing:
+            if not self._deck:
+                self._deck = self._random.sample(FAULTS, len(FAULTS))
+            fault = self._deck.pop() if self._random.random() < self.faults else "none"
+            self.done[fault] += 1
+        return fault
 
     def _asked(self, request: bytes) -> bytes:
         """The server's whole answer; nothing when it is away."""

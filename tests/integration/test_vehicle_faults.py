@@ -70,9 +70,9 @@ def expected(numbers: range, start: datetime) -> Counter[UUID]:
     return Counter(report(number, start).report_id for number in numbers)
 
 
-def until_answered(link: BackgroundLink) -> None:
+def drive_on_until(link: BackgroundLink, is_over: Callable[[], bool]) -> None:
     deadline_s = time.monotonic() + PATIENCE_S
-    while link.status.waiting:
+    while not is_over():
         assert time.monotonic() < deadline_s, link.status
         link.hear(along(0))
         time.sleep(0.02)
@@ -89,12 +89,12 @@ def no_disk() -> Iterator[None]:
         resource.setrlimit(resource.RLIMIT_FSIZE, before)
 
 
-def in_one_process(folder: Path, seed: int, count: int, restarts: int) -> Counter[str]:
+def in_one_process(folder: Path, seed: int, count: int, restarts: int) -> None:
     random, start = Random(seed), datetime.now(UTC) - AGO  # noqa: S311  # not a secret
     server = ServerThread(folder / "headsup.sqlite3")
     server.start()
     events = sorted(random.sample(range(count), 2 * restarts))
-    with FaultyProxy(server.port, random, faults=0.5) as proxy:
+    with FaultyProxy(server.port, random, faults=0.7) as proxy:
         with link_to(proxy.url, folder / "outbox.sqlite3", seed) as link:
             for number in range(count):
                 if number in events[::2]:
@@ -108,14 +108,14 @@ def in_one_process(folder: Path, seed: int, count: int, restarts: int) -> Counte
                     link.put(report(number, start))
                 link.hear(along(number))
                 time.sleep(0.03)
+            drive_on_until(link, lambda: set(proxy.done) >= set(FAULTS))
         proxy.faults = 0.0
         with link_to(proxy.url, folder / "outbox.sqlite3", seed) as link:
-            until_answered(link)
+            drive_on_until(link, lambda: not link.status.waiting)
             fates = link.status.fates
     server.stop()
-    assert sum(fates.values()) == fates["accepted"] + fates["duplicate"] == count
+    assert sum(fates.values()) == fates.get("accepted", 0) + fates.get("duplicate", 0) == count
     assert log_of(folder / "headsup.sqlite3") == expected(range(count), start)
-    return proxy.done
 
 
 class Car:
@@ -143,12 +143,12 @@ class Car:
         self._process.send_signal(signal.SIGKILL)
 
 
-def in_two_processes(folder: Path, seed: int, count: int, kills: int) -> Counter[str]:
+def in_two_processes(folder: Path, seed: int, count: int, kills: int) -> None:
     random, start = Random(seed), datetime.now(UTC) - AGO  # noqa: S311  # not a secret
     server = ServerProcess(f"sqlite+aiosqlite:///{folder}/headsup.sqlite3")
     server.start()
     try:
-        with FaultyProxy(server.port, random, faults=0.5) as proxy:
+        with FaultyProxy(server.port, random, faults=0.7) as proxy:
             car = Car(proxy.url, folder / "outbox.sqlite3", start)
             for _ in range(kills):
                 server_s_end, car_s_end = sorted(random.sample(range(1, count // kills), 2))
@@ -160,12 +160,10 @@ def in_two_processes(folder: Path, seed: int, count: int, kills: int) -> Counter
     finally:
         server.kill()
     assert log_of(folder / "headsup.sqlite3") == expected(range(count), start)
-    return proxy.done
 
 
 def test_in_one_process_the_log_ends_with_exactly_what_was_put(tmp_path: Path) -> None:
-    done = in_one_process(tmp_path, seed=1, count=60, restarts=2)
-    assert len(done) > len(FAULTS) / 2
+    in_one_process(tmp_path, seed=1, count=60, restarts=2)
 
 
 def test_in_two_processes_that_are_killed_the_log_ends_with_exactly_what_was_put(tmp_path: Path) -> None:
