@@ -6,6 +6,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
 from rosbags.rosbag2 import StoragePlugin
 
 from tests.unit.vehicle_client.sources.ros_files import (
@@ -210,3 +212,34 @@ def test_an_sqlite_bag_whose_description_is_missing_is_read_all_the_same(tmp_pat
     path = written(tmp_path, "SQLite")
     (path / "metadata.yaml").unlink()
     assert len(list(open_source(path))) == 4
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory: pytest.TempPathFactory) -> dict[str, bytes]:
+    """A short bag of each kind, as one file."""
+    found = {}
+    for kind in ("SQLite", "bag of ROS 1"):
+        path = written(tmp_path_factory.mktemp("whole"), kind, frames=3)
+        file = path if path.is_file() else next(path.glob("*.db3"))
+        found[file.suffix] = file.read_bytes()
+    return found
+
+
+@settings(max_examples=80, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(data=st.data())
+def test_whatever_is_corrupt_stamps_rise_and_nothing_else_is_raised(
+    tmp_path: Path, whole: dict[str, bytes], data: st.DataObject
+) -> None:
+    ending = data.draw(st.sampled_from(sorted(whole)))
+    corrupt = bytearray(whole[ending])
+    for _ in range(data.draw(st.integers(1, 4))):
+        at = data.draw(st.integers(0, len(corrupt) - 1))
+        corrupt[at : at + 8] = data.draw(st.binary(max_size=8))
+    path = tmp_path / f"corrupt{ending}"
+    path.write_bytes(corrupt[: data.draw(st.integers(0, len(corrupt)))])
+    try:
+        stamps = [frame.stamp_s for frame in open_source(path)]
+    except SourceError:
+        return
+    assert all(math.isfinite(stamp) for stamp in stamps)
+    assert all(np.diff(stamps) > 0)
