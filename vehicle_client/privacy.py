@@ -61,13 +61,13 @@ def departing(report: ObservationReport, privacy: Privacy, place_of: Places) -> 
 
     None when nothing of it may leave, or nothing is left of it.
     """
-    if is_hidden(report.origin.position, privacy.zones):
+    here = coarse(report.origin.position, ORIGIN_GRID_DEG)
+    if is_hidden(report.origin.position, privacy.zones) or is_hidden(here, privacy.zones):
         return None
     detections = tuple(d for d in report.detections if not is_hidden(_place_of(d, report), privacy.zones))
     inspections = tuple(i for i in report.inspections if not _is_secret(i, report, privacy, place_of))
     if not detections and not inspections:
         return None
-    here = coarse(report.origin.position, ORIGIN_GRID_DEG)
     heading_rad = _coarse_heading(report.origin.heading_rad)
     names = privacy.pseudonyms
     return report.model_copy(
