@@ -123,7 +123,7 @@ def test_what_is_seen_in_a_quiet_zone_from_outside_stays_in_the_car() -> None:
     st.floats(-600, 600),
     st.floats(-600, 600),
     st.floats(150, 500),
-    st.lists(offsets, max_size=4),
+    st.lists(st.tuples(st.floats(-100, 100), st.floats(-100, 100)), max_size=4),
 )
 def test_nothing_that_leaves_lies_in_a_quiet_zone(
     east_m: float, north_m: float, radius_m: float, seen: list[tuple[float, float]]
