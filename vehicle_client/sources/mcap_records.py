@@ -39,7 +39,7 @@ CHUNKS_TO_TRY = 20
 MESSAGE_HEAD = 22
 """Channel, sequence, log time and publish time."""
 
-SENSELESS = (struct.error, ValueError, McapError, zstandard.ZstdError, RuntimeError, EOFError, MemoryError)
+SENSELESS = (struct.error, ValueError, OverflowError, McapError, zstandard.ZstdError, RuntimeError, MemoryError)
 """What parsers and decompressors raise where bytes make no sense."""
 
 

@@ -246,7 +246,7 @@ def test_whatever_is_corrupt_stamps_rise_and_nothing_else_is_raised(
         at = data.draw(st.integers(0, len(corrupt) - 1))
         corrupt[at : at + 8] = data.draw(st.binary(max_size=8))
     path = tmp_path / "corrupt.mcap"
-    path.write_bytes(corrupt[: data.draw(st.integers(0, len(corrupt)))])
+    path.write_bytes(corrupt[: data.draw(st.just(len(corrupt)) | st.integers(0, len(corrupt)))])
     try:
         source = open_source(path)
     except SourceError:
