@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Mapping
 from dataclasses import dataclass
+from urllib.parse import urlsplit
 
 import httpx
 
@@ -29,9 +30,15 @@ def client_for(server_url: str, api_key: str | None, timeout_s: float) -> httpx.
     """A client of a server. Raises `UnusableError` for an address or key that cannot be used."""
     headers = {"Authorization": f"Bearer {api_key}"} if api_key else {}
     try:
-        return httpx.Client(base_url=server_url, headers=headers, timeout=timeout_s)
-    except (httpx.InvalidURL, UnicodeError, ValueError) as error:
-        raise UnusableError(f"{server_url} with this key cannot be asked: {error}") from None
+        parts = urlsplit(server_url)
+        client = httpx.Client(base_url=server_url, headers=headers, timeout=timeout_s)
+    except (httpx.InvalidURL, ValueError) as error:
+        raise UnusableError(f"{server_url} cannot be asked with this key: {error}") from None
+    if parts.scheme not in ("http", "https") or not parts.hostname:
+        raise UnusableError(
+            f"{server_url} cannot be asked: give the server's address as https://HOST or http://HOST:PORT"
+        )
+    return client
 
 
 def ask(
