@@ -10,8 +10,13 @@ from numpy.typing import NDArray
 
 from vehicle_client.sources.cloud_header import check_announced_points, check_las_header
 from vehicle_client.sources.frame import LidarFrame, SourceError
+from vehicle_client.sources.point_fields import sweep_of
+from vehicle_client.sources.record_clouds import read_records
 
 Float32Array = NDArray[np.float32]
+
+POINTS_TO_TRY = 4_096
+"""By so many points a scan is told from one of another layout."""
 
 LIDAR_REACH_M = 1_000.0
 """No vehicle's LiDAR sees farther: larger coordinates are map coordinates, another unit or noise."""
@@ -37,7 +42,9 @@ def read_cloud(path: Path) -> LidarFrame:
 
 
 def read_kitti(path: Path) -> LidarFrame:
-    """Float32 x, y, z, reflectance; x forward, y left."""
+    """Float32 x, y, z, reflectance; x forward, y left. A nuScenes scan of that name is told by its rings."""
+    if _has_rings(path):
+        return read_nuscenes(path)
     values = _float32_rows(path, 4, "KITTI scan (x, y, z, reflectance)")
     return LidarFrame(0.0, values[:, :3].copy(), intensity=values[:, 3].copy())
 
@@ -46,17 +53,26 @@ def read_nuscenes(path: Path) -> LidarFrame:
     """Float32 x, y, z, intensity, ring; x right, y forward, turned here to x forward, y left."""
     values = _float32_rows(path, 5, "nuScenes scan (x, y, z, intensity, ring)")
     points = np.stack([values[:, 1], -values[:, 0], values[:, 2]], axis=1)
-    ring = np.nan_to_num(values[:, 4], nan=-1.0, posinf=-1.0, neginf=-1.0)
-    if not ((ring >= 0) & (ring < 1024) & (ring % 1 == 0)).all():
+    ring = values[:, 4]
+    if not _are_rings(ring):
         raise SourceError(f"{path}: expected a nuScenes scan whose fifth value is the ring, a whole number")
     return LidarFrame(0.0, points, intensity=values[:, 3].copy(), ring=ring.astype(np.uint16))
 
 
-def read_open3d(path: Path) -> LidarFrame:
-    """PLY or PCD, as many points as the header announces: where a file ends early Open3D only prints a warning."""
+def read_ply_or_pcd(path: Path) -> LidarFrame:
+    """PLY or PCD, as many points as the header announces; binary ones with intensity, ring and times."""
+    expected = check_announced_points(path)
+    try:
+        records = read_records(path, expected) if expected else None
+        return read_open3d(path, expected) if records is None else sweep_of(0.0, records)
+    except SourceError as error:
+        raise SourceError(str(error) if str(path) in str(error) else f"{path}: {error}") from error
+
+
+def read_open3d(path: Path, expected: int) -> LidarFrame:
+    """Text and compressed ones, points alone: where a file ends early Open3D only prints a warning."""
     import open3d as o3d  # heavy: only those who read these formats wait for it
 
-    expected = check_announced_points(path)
     with o3d.utility.VerbosityContextManager(o3d.utility.VerbosityLevel.Error):
         points = np.asarray(o3d.io.read_point_cloud(path).points)
     if len(points) != expected:
@@ -98,8 +114,8 @@ def read_numpy(path: Path) -> LidarFrame:
 READERS: dict[str, Callable[[Path], LidarFrame]] = {
     ".pcd.bin": read_nuscenes,  # before .bin: the longer ending wins
     ".bin": read_kitti,
-    ".ply": read_open3d,
-    ".pcd": read_open3d,
+    ".ply": read_ply_or_pcd,
+    ".pcd": read_ply_or_pcd,
     ".las": read_las,
     ".laz": read_las,
     ".npy": read_numpy,
@@ -112,6 +128,21 @@ def _float32_rows(path: Path, columns: int, what: str) -> Float32Array:
     if len(data) % (4 * columns):
         raise SourceError(f"{path}: {len(data)} bytes are not whole points of a {what}, {4 * columns} bytes each")
     return np.frombuffer(data, dtype="<f4").reshape(-1, columns).astype(np.float32)
+
+
+def _has_rings(path: Path) -> bool:
+    """Whether a file of float32 has points of five values, of which the last is a ring: reflectances are none."""
+    if path.stat().st_size % 20:
+        return False
+    with path.open("rb") as file:
+        start = file.read(20 * POINTS_TO_TRY)
+    return len(start) > 0 and _are_rings(np.frombuffer(start, dtype="<f4").reshape(-1, 5)[:, 4])
+
+
+def _are_rings(values: Float32Array) -> bool:
+    """Whether all are whole numbers of rings."""
+    numbers = np.nan_to_num(values, nan=-1.0, posinf=-1.0, neginf=-1.0)
+    return bool(((numbers >= 0) & (numbers < 1024) & (numbers % 1 == 0)).all())
 
 
 def _points_of(archive: np.lib.npyio.NpzFile) -> NDArray[np.generic]:

@@ -14,7 +14,7 @@ Float32Array = NDArray[np.float32]
 MOST_POINTS = 5_000_000
 """Ten times what the densest LiDAR measures in a turn (128 rings of 4,096 columns)."""
 
-INTENSITY_FIELDS = ("intensity", "i", "reflectivity", "reflectance")
+INTENSITY_FIELDS = ("intensity", "i", "reflectivity", "reflectance", "scalar_intensity")
 RING_FIELDS = ("ring", "channel", "laser_id", "line")
 TIME_FIELDS = ("t", "time", "timestamp", "offset_time", "time_offset", "time_stamp", "stamp")
 """Of Ouster, Velodyne, Hesai and RoboSense, Livox, and ours."""
