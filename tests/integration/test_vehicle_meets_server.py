@@ -4,24 +4,32 @@ from __future__ import annotations
 
 import signal
 import socket
+import threading
 from collections.abc import Iterator
 from contextlib import closing, contextmanager
-from datetime import UTC, datetime
+from datetime import UTC, datetime, timedelta
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 
 import httpx
 import pytest
 
 from contract.events import Appeared, Removed
+from contract.geometry import LatLon
 from contract.observation import ObservationReport, ReportStatus
 from contract.obstacle import ObstacleCollection
+from server.geodesy import offset_from
 from tests.integration.test_server_process import serving
 from tests.unit.server.making import HOUR, PATRAS, absent, detection, message
 from vehicle_client.area import Reached, Surveyed
 from vehicle_client.delivery import Deliverer
+from vehicle_client.link import ServerLink
 from vehicle_client.obstacle_map import ObstacleMap, apply
 from vehicle_client.outbox import Outbox
+from vehicle_client.privacy import Privacy
+from vehicle_client.pseudonym import Pseudonyms
 from vehicle_client.push import PushChannel, PushError
+from vehicle_client.quiet_zones import QuietZone
 
 SHORT_S = 1.0
 """Long enough for an answer on loopback, short enough to wait for none."""
@@ -180,3 +188,88 @@ def test_no_server_at_the_address_is_said(url: str) -> None:
         unused.bind(("127.0.0.1", 0))
         with pytest.raises(PushError):
             PushChannel(url.format(port=unused.getsockname()[1]), None, timeout_s=SHORT_S)
+
+
+class NoSockets(BaseHTTPRequestHandler):
+    """A proxy that knows nothing of WebSockets, in front of `server`."""
+
+    server_url: str
+    asked: list[tuple[str, int]]
+
+    def do_GET(self) -> None:
+        if "upgrade" in self.headers:
+            self.send_error(501)
+            return
+        names = ("if-none-match", "accept")
+        headers = {name: value for name in names if (value := self.headers.get(name))}
+        answer = httpx.get(f"{self.server_url}{self.path}", headers=headers)
+        self.asked.append((self.path, answer.status_code))
+        self.send_response(answer.status_code)
+        self.send_header("ETag", answer.headers["etag"])
+        self.send_header("Content-Length", str(len(answer.content)))
+        self.end_headers()
+        self.wfile.write(answer.content)
+
+    def log_request(self, code: object = "-", size: object = "-") -> None:
+        """Nothing on the terminal."""
+
+    def log_error(self, what: str, *_: object) -> None:
+        """Nothing on the terminal."""
+
+
+@contextmanager
+def behind_a_proxy_without_sockets(server_url: str) -> Iterator[tuple[str, list[tuple[str, int]]]]:
+    asked: list[tuple[str, int]] = []
+    kind = type("Proxy", (NoSockets,), {"server_url": server_url, "asked": asked})
+    with ThreadingHTTPServer(("127.0.0.1", 0), kind) as proxy:
+        threading.Thread(target=proxy.serve_forever, daemon=True).start()
+        try:
+            yield f"http://127.0.0.1:{proxy.server_port}", asked
+        finally:
+            proxy.shutdown()
+
+
+def east_of_patras(east_m: float) -> LatLon:
+    return offset_from(PATRAS, east_m, 0.0)
+
+
+def test_where_no_socket_passes_the_map_is_the_same(outbox: Outbox, tmp_path: Path) -> None:
+    clock_s = [0.0]
+    with serving() as (_, client), behind_a_proxy_without_sockets(str(client.base_url)) as (url, asked):
+        sent(outbox, client, seen("ego1", east_m=80.0))
+        sent(outbox, client, seen("ego1", east_m=-80.0))
+        with ServerLink(url, None, tmp_path / "link.sqlite3", clock=lambda: clock_s[0]) as link:
+            known = ObstacleMap()
+            for step in range(60):
+                clock_s[0] += 1.0
+                here = east_of_patras(-600.0 + 10 * step)
+                for said in link.hear(here):
+                    known = apply(known, said, clock_s[0])
+            assert link.status.way == "polling"
+        by_push = ObstacleMap()
+        with connected(str(client.base_url)) as channel:
+            for said in channel.exchange(PATRAS):
+                by_push = apply(by_push, said, clock_s[0])
+    assert {i: entry.feature for i, entry in known.obstacles.items()} == {
+        i: entry.feature for i, entry in by_push.obstacles.items()
+    }
+    assert len(by_push.obstacles) == 2
+    assert {status for _, status in asked} == {200, 304}
+    assert any("heading_deg=90&corridor_m=500" in path for path, _ in asked)
+
+
+def test_the_server_takes_what_leaves_a_private_car(outbox: Outbox, tmp_path: Path) -> None:
+    privacy = Privacy(zones=(QuietZone(east_of_patras(-1_000), 300.0),), pseudonyms=Pseudonyms())
+    with (
+        serving() as (_, client),
+        ServerLink(str(client.base_url), None, tmp_path / "l.sqlite3", privacy=privacy) as link,
+    ):
+        (snapshot,) = link.hear(PATRAS)
+        assert isinstance(snapshot, Surveyed)
+        # Two cars' lengths apart at once: coarse origins must not look like two vehicles.
+        for number in range(40):
+            at = datetime.now(UTC) - HOUR + number * timedelta(milliseconds=100)
+            link.put(message(detection(20.0 - number, 3), at=at, number=number, position=east_of_patras(float(number))))
+        results = link.deliver()
+        assert [result.status for result in results] == ["accepted"] * 40
+        assert sightings_near(client) == [1]
