@@ -2,34 +2,46 @@
 
 from __future__ import annotations
 
-from bisect import bisect_left, insort
-from collections.abc import Iterable, Iterator
+from bisect import bisect_left, bisect_right
+from collections.abc import Iterable
 from uuid import UUID
 
 from server.quadkey import Ranges
-
-Entry = tuple[int, UUID]
-"""A cell, and an obstacle in it."""
 
 
 class CellIndex:
     """Ids of obstacles by cell."""
 
-    def __init__(self, entries: Iterable[Entry]) -> None:
-        self._entries = sorted(entries)
+    def __init__(self, entries: Iterable[tuple[int, UUID]]) -> None:
+        ordered = sorted(entries)
+        # Apart, since numbers are compared faster than pairs.
+        self._cells = [cell for cell, _ in ordered]
+        self._ids = [identifier for _, identifier in ordered]
 
-    def within(self, ranges: Ranges) -> Iterator[UUID]:
+    def within(self, ranges: Ranges) -> list[UUID]:
         """Obstacles in ascending, disjoint ranges of cells."""
+        if not ranges:
+            return []
+        cells = self._cells
+        first = bisect_left(cells, ranges[0][0])
+        end = bisect_right(cells, ranges[-1][1], first)
+        found: list[UUID] = []
         for low, high in ranges:
-            first = bisect_left(self._entries, (low,))
-            last = bisect_left(self._entries, (high + 1,), lo=first)
-            for _, identifier in self._entries[first:last]:
-                yield identifier
+            first = bisect_left(cells, low, first, end)
+            if first == end:
+                break
+            last = bisect_right(cells, high, first, end)
+            found += self._ids[first:last]
+            first = last
+        return found
 
-    def add(self, entry: Entry) -> None:
+    def add(self, cell: int, identifier: UUID) -> None:
         """Take an obstacle in."""
-        insort(self._entries, entry)
+        index = bisect_left(self._cells, cell)
+        self._cells.insert(index, cell)
+        self._ids.insert(index, identifier)
 
-    def remove(self, entry: Entry) -> None:
+    def remove(self, cell: int, identifier: UUID) -> None:
         """Let an obstacle go; raises `ValueError` when it is not there."""
-        self._entries.remove(entry)
+        index = self._ids.index(identifier, bisect_left(self._cells, cell))
+        del self._cells[index], self._ids[index]

@@ -31,14 +31,15 @@ def with_sighting(witness: Witness, at: datetime, times: Times) -> Witness:
     return replace(witness, seen_at=tuple(sorted(set(passes)))[-_REMEMBERED_PASSES:])
 
 
-def with_witness(obstacle: Obstacle, witness: Witness) -> Obstacle:
-    """The obstacle with one witness's evidence replaced."""
-    others = tuple(other for other in obstacle.evidence if other.name != witness.name)
-    return obstacle._replace(evidence=(*others, witness))
+def with_witness(obstacle: Obstacle, witness: Witness) -> tuple[Witness, ...]:
+    """The obstacle's evidence with that of one witness replaced."""
+    return (*(other for other in obstacle.evidence if other.name != witness.name), witness)
 
 
 def closed_if_outweighed(obstacle: Obstacle) -> Obstacle:
     """Close the run of absences when at least as many witnesses have seen the obstacle since it began."""
+    if obstacle.absent_since is None:
+        return obstacle
     absent, seen = _since_first_absence(obstacle)
     return obstacle._replace(absent_since=None) if seen >= absent else obstacle
 

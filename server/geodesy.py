@@ -62,12 +62,12 @@ def is_within(a: LatLon, b: LatLon, radius_m: float) -> bool:
 
 def east_north_m(position: LatLon, origin: LatLon) -> EastNorth:
     """Offset of a position in the plane of `enu` about `origin`, both on the ellipsoid."""
-    return _plane(origin).offset_of(position)
+    return _plane(origin.latitude_deg, origin.longitude_deg).offset_of(position)
 
 
 def offset_from(origin: LatLon, east_m: float, north_m: float) -> LatLon:
     """The position at (east, north) of `enu` about `origin`; inverse of `east_north_m` to a micrometre within 500 m."""
-    return _plane(origin).position_at(east_m, north_m)
+    return _plane(origin.latitude_deg, origin.longitude_deg).position_at(east_m, north_m)
 
 
 def mercator(latitude_deg: float, longitude_deg: float) -> complex:
@@ -116,15 +116,16 @@ class _Plane:
 
     __slots__ = ("_cos_lat", "_cos_lon", "_origin_m", "_sin_lat", "_sin_lon")
 
-    def __init__(self, origin: LatLon) -> None:
-        latitude_rad, longitude_rad = math.radians(origin.latitude_deg), math.radians(origin.longitude_deg)
+    def __init__(self, latitude_deg: float, longitude_deg: float) -> None:
+        latitude_rad, longitude_rad = math.radians(latitude_deg), math.radians(longitude_deg)
         self._sin_lat, self._cos_lat = math.sin(latitude_rad), math.cos(latitude_rad)
         self._sin_lon, self._cos_lon = math.sin(longitude_rad), math.cos(longitude_rad)
-        self._origin_m = _earth_centred_m(origin)
+        self._origin_m = _earth_centred_m(latitude_deg, longitude_deg)
 
     def offset_of(self, position: LatLon) -> EastNorth:
-        x_m, y_m, z_m = _earth_centred_m(position)
-        dx_m, dy_m, dz_m = x_m - self._origin_m[0], y_m - self._origin_m[1], z_m - self._origin_m[2]
+        x_m, y_m, z_m = _earth_centred_m(position.latitude_deg, position.longitude_deg)
+        from_x_m, from_y_m, from_z_m = self._origin_m
+        dx_m, dy_m, dz_m = x_m - from_x_m, y_m - from_y_m, z_m - from_z_m
         outwards_m = self._cos_lon * dx_m + self._sin_lon * dy_m
         return EastNorth(
             -self._sin_lon * dx_m + self._cos_lon * dy_m, -self._sin_lat * outwards_m + self._cos_lat * dz_m
@@ -142,13 +143,14 @@ class _Plane:
 
 
 @lru_cache(maxsize=_REMEMBERED_PLANES)
-def _plane(origin: LatLon) -> _Plane:
-    return _Plane(origin)
+def _plane(latitude_deg: float, longitude_deg: float) -> _Plane:
+    return _Plane(latitude_deg, longitude_deg)
 
 
-def _earth_centred_m(position: LatLon) -> tuple[float, float, float]:
+@lru_cache(maxsize=_REMEMBERED_PLANES)
+def _earth_centred_m(latitude_deg: float, longitude_deg: float) -> tuple[float, float, float]:
     """Earth-centred, earth-fixed coordinates of a position on the ellipsoid."""
-    latitude_rad, longitude_rad = math.radians(position.latitude_deg), math.radians(position.longitude_deg)
+    latitude_rad, longitude_rad = math.radians(latitude_deg), math.radians(longitude_deg)
     sine, cosine = math.sin(latitude_rad), math.cos(latitude_rad)
     normal_m = _A_M / math.sqrt(1 - _E2 * sine * sine)
     return (

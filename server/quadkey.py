@@ -22,15 +22,15 @@ SHARD_ZOOM = 6
 # The smallest radius of curvature of the WGS 84 ellipsoid (meridian, at the equator) makes every cover an outer one.
 LEAST_EARTH_RADIUS_M = 6_335_439.0
 MERCATOR_LATITUDE_DEG = 85.0511287798066
-_COVER_SIDE = 4
+_SIDE = 1 << CELL_ZOOM
+_COVER_SIDE, _COVER_BITS = 4, 2
 # Columns and rows of tiles, whose bits are spread on the way of every query.
 _REMEMBERED = 1 << 15
 
 
 def cell_of(position: LatLon) -> int:
     """Morton code of the position's tile at zoom 24."""
-    column = math.floor(_across(position.longitude_deg) * (1 << CELL_ZOOM)) % (1 << CELL_ZOOM)
-    return _spread(column) | _spread(_row(_down(position.latitude_deg), CELL_ZOOM)) << 1
+    return _spread(_column(position.longitude_deg) % _SIDE) | _spread(_row(position.latitude_deg)) << 1
 
 
 def tile_of_cell(cell: int) -> int:
@@ -59,15 +59,12 @@ def cover(centre: LatLon, radius_m: float) -> Ranges:
 
     At most 4 x 4 tiles of one zoom; wraps in x across the antimeridian, clamps in y beyond the last mercator row.
     """
-    window = _window(centre, radius_m)
-    zoom = next(z for z in range(window.finest_zoom(), -1, -1) if window.fits(z))
-    shift = 2 * (CELL_ZOOM - zoom)
-    return merged([(tile << shift, ((tile + 1) << shift) - 1) for tile in window.tiles(zoom)])
+    return window(centre, radius_m).cover()
 
 
-def tiles(centre: LatLon, radius_m: float, zoom: int = TILE_ZOOM) -> tuple[int, ...]:
-    """Ascending Morton codes of the tiles of `zoom` that a circle touches."""
-    return _window(centre, radius_m).tiles(zoom)
+def tiles(centre: LatLon, radius_m: float) -> tuple[int, ...]:
+    """Ascending Morton codes of the tiles of zoom 14 that a circle touches."""
+    return window(centre, radius_m).tiles()
 
 
 def merged(ranges: Iterable[tuple[int, int]]) -> Ranges:
@@ -81,54 +78,65 @@ def merged(ranges: Iterable[tuple[int, int]]) -> Ranges:
     return tuple(joined)
 
 
-class _Window(NamedTuple):
-    """A circle's bounding box in parts of the mercator square: x from the antimeridian (unwrapped), y from the top.
+class Window(NamedTuple):
+    """A circle's bounding box in columns and rows of cells, both ends included.
 
-    Sides of tiles are powers of two, so that scaling to any zoom is exact.
+    Columns count from the antimeridian, and go on beyond it. Those of a lower zoom are the same numbers with fewer
+    bits.
     """
 
-    west: float
-    east: float
-    top: float
-    bottom: float
+    west: int
+    east: int
+    top: int
+    bottom: int
 
-    def finest_zoom(self) -> int:
-        """A zoom beyond which the window is certainly wider than a cover."""
-        most_columns = _COVER_SIDE / max(self.east - self.west, 1e-9)
-        return max(0, min(CELL_ZOOM, math.floor(math.log2(most_columns))))
+    def tiles(self) -> tuple[int, ...]:
+        """Ascending Morton codes of the tiles of zoom 14 that the window touches."""
+        return tuple(self._codes(CELL_ZOOM - TILE_ZOOM))
 
-    def fits(self, zoom: int) -> bool:
-        """Whether a cover of that zoom is small enough."""
-        return len(self._columns(zoom)) <= _COVER_SIDE and len(self._rows(zoom)) <= _COVER_SIDE
+    def cover(self) -> Ranges:
+        """The ranges of cells of the finest zoom at which the window is at most 4 x 4 tiles."""
+        dropped = max(0, max(self.east - self.west, self.bottom - self.top).bit_length() - _COVER_BITS)
+        while not self._fits(dropped):
+            dropped += 1
+        codes = self._codes(dropped)
+        ranges: list[tuple[int, int]] = []
+        first = last = codes[0]
+        for code in codes[1:]:
+            if code != last + 1:
+                ranges.append((first << 2 * dropped, ((last + 1) << 2 * dropped) - 1))
+                first = code
+            last = code
+        ranges.append((first << 2 * dropped, ((last + 1) << 2 * dropped) - 1))
+        return tuple(ranges)
 
-    def tiles(self, zoom: int) -> tuple[int, ...]:
-        """Ascending Morton codes of the tiles that the window touches."""
-        side = 1 << zoom
-        columns, rows = self._columns(zoom), self._rows(zoom)
-        if len(columns) == len(rows) == 1:
-            return (_spread(columns[0] % side) | _spread(rows[0]) << 1,)
-        xs = [_spread(x % side) for x in columns]
-        ys = [_spread(y) << 1 for y in rows]
-        return tuple(sorted({x | y for x in xs for y in ys}))
+    def _fits(self, dropped: int) -> bool:
+        """Whether a cover is small enough whose columns and rows lack that many bits."""
+        columns = (self.east >> dropped) - (self.west >> dropped)
+        return columns < _COVER_SIDE and (self.bottom >> dropped) - (self.top >> dropped) < _COVER_SIDE
 
-    def _columns(self, zoom: int) -> range:
-        west, east = math.floor(self.west * (1 << zoom)), math.floor(self.east * (1 << zoom))
-        return range(west, min(east, west + (1 << zoom) - 1) + 1)
+    def _codes(self, dropped: int) -> list[int]:
+        """Ascending Morton codes of all tiles whose columns and rows lack that many bits."""
+        side = 1 << (CELL_ZOOM - dropped)
+        west = self.west >> dropped
+        east = min(self.east >> dropped, west + side - 1)
+        top, bottom = self.top >> dropped, self.bottom >> dropped
+        if west == east and top == bottom:
+            return [_spread(west % side) | _spread(top) << 1]
+        rows = [_spread(row) << 1 for row in range(top, bottom + 1)]
+        return sorted({_spread(column % side) | row for column in range(west, east + 1) for row in rows})
 
-    def _rows(self, zoom: int) -> range:
-        return range(_row(self.top, zoom), _row(self.bottom, zoom) + 1)
 
-
-def _window(centre: LatLon, radius_m: float) -> _Window:
+def window(centre: LatLon, radius_m: float) -> Window:
+    """The window of a circle."""
     angle_rad = radius_m / LEAST_EARTH_RADIUS_M
-    south_deg = centre.latitude_deg - math.degrees(angle_rad)
-    north_deg = centre.latitude_deg + math.degrees(angle_rad)
-    top, bottom = _down(min(north_deg, 90.0)), _down(max(south_deg, -90.0))
-    half_width_deg = _half_width_deg(centre.latitude_deg, angle_rad)
+    reach_deg = math.degrees(angle_rad)
+    latitude_deg, longitude_deg = centre.latitude_deg, centre.longitude_deg
+    top, bottom = _row(latitude_deg + reach_deg), _row(latitude_deg - reach_deg)
+    half_width_deg = _half_width_deg(latitude_deg, angle_rad)
     if half_width_deg >= 180.0:
-        return _Window(0.0, math.nextafter(1.0, 0.0), top, bottom)
-    longitude_deg = centre.longitude_deg
-    return _Window(_across(longitude_deg - half_width_deg), _across(longitude_deg + half_width_deg), top, bottom)
+        return Window(0, _SIDE - 1, top, bottom)
+    return Window(_column(longitude_deg - half_width_deg), _column(longitude_deg + half_width_deg), top, bottom)
 
 
 def _half_width_deg(latitude_deg: float, angle_rad: float) -> float:
@@ -139,18 +147,19 @@ def _half_width_deg(latitude_deg: float, angle_rad: float) -> float:
     return math.degrees(math.asin(math.sin(angle_rad) / math.cos(latitude_rad)))
 
 
-def _across(longitude_deg: float) -> float:
-    return (longitude_deg + 180.0) / 360.0
+def _column(longitude_deg: float) -> int:
+    """Column of cells, not wrapped."""
+    return math.floor((longitude_deg + 180.0) / 360.0 * _SIDE)
 
 
-def _down(latitude_deg: float) -> float:
-    if abs(latitude_deg) > MERCATOR_LATITUDE_DEG:
-        latitude_deg = math.copysign(MERCATOR_LATITUDE_DEG, latitude_deg)
-    return (1 - math.asinh(math.tan(math.radians(latitude_deg))) / math.pi) / 2
-
-
-def _row(down: float, zoom: int) -> int:
-    return max(0, min((1 << zoom) - 1, math.floor(down * (1 << zoom))))
+def _row(latitude_deg: float) -> int:
+    """Row of cells; the first and the last reach to the poles."""
+    if latitude_deg >= MERCATOR_LATITUDE_DEG:
+        return 0
+    if latitude_deg <= -MERCATOR_LATITUDE_DEG:
+        return _SIDE - 1
+    row = math.floor((1 - math.asinh(math.tan(math.radians(latitude_deg))) / math.pi) / 2 * _SIDE)
+    return max(0, min(_SIDE - 1, row))
 
 
 @lru_cache(maxsize=_REMEMBERED)

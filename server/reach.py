@@ -11,7 +11,7 @@ from contract.geometry import LatLon
 from contract.observation import ObservationReport
 from server.geodesy import is_within, offset_from
 from server.policy import Policy
-from server.quadkey import Ranges, cover, tiles
+from server.quadkey import Ranges, cover, window
 from server.symmetric import greatest_sd_m
 
 
@@ -66,13 +66,13 @@ def reach_of(message: ObservationReport, policy: Policy) -> Reach:
     seen_m = max((math.hypot(item.east_m, item.north_m) for item in message.detections), default=0.0)
     reach_m = limits.reach_m if message.inspections else min(seen_m, limits.reach_m)
     radius_m = reach_m + policy.gate_m + policy.matching.greatest_drift_m
-    centre = message.origin.position
     near, well_known_m2 = _near(message, policy), policy.matching.well_known_sd_m**2
+    around = window(message.origin.position, radius_m)
     return Reach(
-        tiles=tiles(centre, radius_m),
+        tiles=around.tiles(),
         near=near,
         near_cells=() if near is None else cover(near.centre, near.radius_m(well_known_m2)),
-        far=cover(centre, radius_m),
+        far=around.cover(),
         inspected=frozenset(item.obstacle_id for item in message.inspections),
         well_known_m2=well_known_m2,
     )

@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 from datetime import datetime
 from enum import StrEnum
 from operator import attrgetter
+from typing import Any
 from uuid import UUID
 
 from contract.geometry import Kind
@@ -216,9 +217,10 @@ class _Reading:
             return Decision(DecisionKind.KEPT, "better-look", index, self._looked_better(detection, obstacle))
         outcome, reason, resized = self._resized(detection, obstacle, same_pass)
         if same_pass:
-            resized = self._pass_extended(resized, witness)
+            resized = resized._replace(evidence=self._pass_extended(resized, witness))
         else:
-            resized = self._voted(self._placed(self._sighted(resized, detection.confidence), detection), detection)
+            sighted = self._sighted(resized, detection.confidence)
+            resized = sighted._replace(**self._placed(sighted, detection), **self._voted(sighted, detection))
         return Decision(outcome, reason, index, _revised(obstacle, resized))
 
     def _resized(self, detection: Detection, obstacle: Obstacle, same_pass: bool) -> tuple[DecisionKind, str, Obstacle]:
@@ -238,13 +240,12 @@ class _Reading:
                 verdict.reason,
                 shaping.changed(obstacle, detection, self._at, verdict.new_size),
             )
-        kept = obstacle._replace(references=verdict.references, pending=verdict.pending)
-        return DecisionKind.KEPT, verdict.reason, shaping.with_fused_box(kept)
+        return DecisionKind.KEPT, verdict.reason, shaping.kept(obstacle, verdict.references, verdict.pending)
 
     def _looked_better(self, detection: Detection, obstacle: Obstacle) -> Obstacle:
         """The obstacle after a better look of the only pass that has seen it: its first measurement is replaced."""
-        seen = self._pass_extended(obstacle, evidence.witness_of(obstacle, self._report.witness))
-        better = seen._replace(
+        better = obstacle._replace(
+            evidence=self._pass_extended(obstacle, evidence.witness_of(obstacle, self._report.witness)),
             place=measured_place(self._report.message.origin, detection),
             shape=shaping.shape_of(detection, max(self._at, obstacle.shape.observed_at)),
             references=(change.measured_size(detection, self._policy.change),),
@@ -252,7 +253,8 @@ class _Reading:
         )
         return _revised(obstacle, better)
 
-    def _pass_extended(self, obstacle: Obstacle, witness: Witness) -> Obstacle:
+    def _pass_extended(self, obstacle: Obstacle, witness: Witness) -> tuple[Witness, ...]:
+        """The obstacle's evidence after one more sighting."""
         return evidence.with_witness(obstacle, evidence.with_sighting(witness, self._at, self._policy.times))
 
     def _sighted(self, obstacle: Obstacle, confidence: float) -> Obstacle:
@@ -265,7 +267,8 @@ class _Reading:
             is_sure_of_the_place and witness_count >= life.confirming_witnesses
         )
         half_life_s = life.half_life_s[obstacle.kind]
-        seen = self._pass_extended(obstacle, witness)._replace(
+        seen = obstacle._replace(
+            evidence=self._pass_extended(obstacle, witness),
             state=State.CONFIRMED if is_confirmed else State.CANDIDATE,
             confidence=evidence.risen(obstacle.confidence, obstacle.as_of, confidence, self._at, half_life_s, life),
             as_of=max(obstacle.as_of, self._at),
@@ -276,20 +279,21 @@ class _Reading:
         )
         return evidence.closed_if_outweighed(seen)
 
-    def _placed(self, obstacle: Obstacle, detection: Detection) -> Obstacle:
-        """The obstacle with its position refined, unless it would drift too far from where it was first well known."""
+    def _placed(self, obstacle: Obstacle, detection: Detection) -> dict[str, Any]:
+        """The position refined, unless it would drift too far from where it was first well known."""
         policy = self._policy.matching
         place = fused_place(obstacle.place, self._report.message.origin, detection, policy)
         if obstacle.place.variances_m2 > policy.well_known_sd_m**2:
-            return obstacle._replace(place=place, born_at=place.position)
+            return {"place": place, "born_at": place.position}
         # Within the plane of a few metres this is the geodesic, a tenth as dear.
         if math.hypot(*east_north_m(place.position, obstacle.born_at)) > policy.greatest_drift_m:
-            return obstacle
-        return obstacle._replace(place=place)
+            return {}
+        return {"place": place}
 
-    def _voted(self, obstacle: Obstacle, detection: Detection) -> Obstacle:
+    def _voted(self, obstacle: Obstacle, detection: Detection) -> dict[str, Any]:
+        """The votes with one more, and the kind that they elect."""
         votes = obstacle.kind_votes | {detection.kind: obstacle.kind_votes.get(detection.kind, 0) + 1}
-        return obstacle._replace(kind_votes=votes, kind=self._elected(obstacle.kind, votes))
+        return {"kind_votes": votes, "kind": self._elected(obstacle.kind, votes)}
 
     def _elected(self, kind: Kind, votes: dict[Kind, int]) -> Kind:
         leader = max(votes, key=lambda candidate: votes[candidate])
@@ -324,7 +328,8 @@ class _Reading:
         life = self._policy.life
         witness = replace(evidence.witness_of(obstacle, self._report.witness), absent_at=self._at)
         half_life_s = life.half_life_s[obstacle.kind]
-        missed = evidence.with_witness(obstacle, witness)._replace(
+        missed = obstacle._replace(
+            evidence=evidence.with_witness(obstacle, witness),
             absent_since=obstacle.absent_since or self._at,
             confidence=evidence.sunk(obstacle.confidence, obstacle.as_of, self._at, half_life_s, life),
             as_of=max(obstacle.as_of, self._at),

@@ -27,10 +27,11 @@ def changed(obstacle: Obstacle, detection: Detection, observed_at: datetime, siz
     return obstacle._replace(version=obstacle.version + 1, shape=shape, references=(size,), pending=None)
 
 
-def with_fused_box(obstacle: Obstacle) -> Obstacle:
-    """The obstacle with the mean box of the view it is known best from; that is no new version."""
-    best = min(obstacle.references, key=lambda size: size.sd.ln_area)
-    return obstacle._replace(shape=replace(obstacle.shape, box=best.box, box_sd=best.sd))
+def kept(obstacle: Obstacle, references: tuple[Size, ...], pending: Size | None) -> Obstacle:
+    """The obstacle with other references and the mean box of the view it is known best from: no new version."""
+    best = min(references, key=lambda size: size.sd.ln_area)
+    shape = replace(obstacle.shape, box=best.box, box_sd=best.sd)
+    return obstacle._replace(shape=shape, references=references, pending=pending)
 
 
 def is_better_look(detection: Detection, obstacle: Obstacle) -> bool:

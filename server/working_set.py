@@ -71,7 +71,8 @@ class WorkingSet:
         self.stored_evidence = frozenset(evidence)
         self._current: dict[UUID, Obstacle] = {}
         self._current.update((obstacle.id, obstacle) for obstacle in obstacles)
-        self._index = CellIndex((cell_of(item.place.position), item.id) for item in self._current.values())
+        self._cells = {item.id: cell_of(item.place.position) for item in self._current.values()}
+        self._index = CellIndex((cell, identifier) for identifier, cell in self._cells.items())
         self._read = frozenset(self._current)
         self._touched: dict[UUID, None] = {}
         self.evidence: Evidence = {}
@@ -108,12 +109,13 @@ class WorkingSet:
         if before is not None and before.version != after.version:
             self.ended.append(Ended(before, at))
         self._keep_evidence(before, after)
+        cell_before = self._cells.get(after.id)
         self._place(before, after)
         self._current[after.id] = after
         self._touched[after.id] = None
         if before is not None and before.revision == after.revision:
             return None
-        return self._announced(before, after, at)
+        return self._announced(after, tile_of_cell(self._cells[after.id] if cell_before is None else cell_before), at)
 
     def _keep_evidence(self, before: Obstacle | None, after: Obstacle) -> None:
         known = () if before is None else before.evidence
@@ -122,18 +124,21 @@ class WorkingSet:
                 self.evidence[after.id, witness.name] = witness
 
     def _place(self, before: Obstacle | None, after: Obstacle) -> None:
-        if before is not None:
-            if before.place.position == after.place.position:
-                return
-            self._index.remove((cell_of(before.place.position), before.id))
-        self._index.add((cell_of(after.place.position), after.id))
+        if before is not None and before.place.position is after.place.position:
+            return
+        cell, cell_before = cell_of(after.place.position), self._cells.get(after.id)
+        if cell == cell_before:
+            return
+        if cell_before is not None:
+            self._index.remove(cell_before, after.id)
+        self._index.add(cell, after.id)
+        self._cells[after.id] = cell
 
-    def _announced(self, before: Obstacle | None, after: Obstacle, at: datetime) -> ObstacleEvent:
+    def _announced(self, after: Obstacle, tile_before: int, at: datetime) -> ObstacleEvent:
         """The event, in the log of the obstacle's tile, and in that of the tile that it has left."""
         event = event_of(after, self._life)
         body = self.features[after.id] = event.feature.model_dump_json()
-        places = [after.place.position] + ([] if before is None else [before.place.position])
-        for number in dict.fromkeys(tile_of_cell(cell_of(place)) for place in places):
+        for number in dict.fromkeys((tile_of_cell(self._cells[after.id]), tile_before)):
             tile = self.tiles[number]
             tile.version += 1
             self.events.append(EventLine(number, tile.version, after.id, body, at))
