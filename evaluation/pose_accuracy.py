@@ -107,7 +107,7 @@ def _row(drive: PoseDrive, number: int, pose: Pose, before: Pose | None) -> list
 def jump_ahead_m(before: Pose, now: Pose) -> float:
     """By how much a place of the map ahead of the car moved in `odom` from one pose to the next: what a driver sees."""
     ahead = apply(now.enu_from_vehicle, np.array([AHEAD_M, 0.0, 0.0]))
-    in_old_enu = before.origin.enu(*now.origin.geodetic(ahead))
+    in_old_enu = ahead if before.origin == now.origin else before.origin.enu(*now.origin.geodetic(ahead))
     in_odom = [apply(inverse(pose.enu_from_odom), place) for pose, place in ((now, ahead), (before, in_old_enu))]
     return float(np.linalg.norm((in_odom[0] - in_odom[1])[:2]))
 

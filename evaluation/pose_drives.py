@@ -251,7 +251,7 @@ RECEIVERS: dict[str, Errors] = {
 """Each states 1 m, and is right about it."""
 
 
-def simulated_drive(receiver: str, seed: int, *, seconds: float = 240.0, course: bool = True) -> PoseDrive:
+def simulated_drive(receiver: str, seed: int, *, seconds: float = 180.0) -> PoseDrive:
     """A town drive with corners and stops: 10 frames and 10 fixes a second, `drifting` odometry."""
     rng = np.random.default_rng([seed, 1])
     times = np.arange(0.0, seconds, 0.1)
@@ -267,12 +267,8 @@ def simulated_drive(receiver: str, seed: int, *, seconds: float = 240.0, course:
         if np.isfinite(wrong[k]).all():
             fix = _local_fix(place[k] + wrong[k], stamp, 1.0)
             velocity = speed[k] * np.array([math.cos(yaw[k]), math.sin(yaw[k])]) + velocity_error[k]
-            if course:
-                fix = replace(
-                    fix,
-                    course_rad=heading_from_yaw(math.atan2(velocity[1], velocity[0])),
-                    speed_mps=float(np.hypot(*velocity)),
-                )
+            course_rad = heading_from_yaw(math.atan2(velocity[1], velocity[0]))
+            fix = replace(fix, course_rad=course_rad, speed_mps=float(np.hypot(*velocity)))
         frames.append(LidarFrame(stamp, NO_POINTS, odom_from_vehicle=odom_from_vehicle, gnss=fix))
     return PoseDrive(f"simulated, {receiver}", tuple(frames), ORIGIN, place, yaw, speed)
 

@@ -8,6 +8,7 @@ from headsup.evaluate.carved_command import carved
 from headsup.evaluate.figures_command import evaluate_figures
 from headsup.evaluate.lidar_command import lidar
 from headsup.evaluate.passes_command import passes
+from headsup.evaluate.pose_command import pose
 from headsup.evaluate.real_command import real
 from headsup.evaluate.records_command import records
 from headsup.evaluate.table1_command import table1
@@ -36,4 +37,5 @@ evaluate_app.command("passes")(passes)
 evaluate_app.command("lidar")(lidar)
 evaluate_app.command("carved")(carved)
 evaluate_app.command("real")(real)
+evaluate_app.command("pose")(pose)
 evaluate_app.command("records")(records)
