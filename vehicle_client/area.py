@@ -14,6 +14,8 @@ EDGE_M = 1.0
 
 _EQUATOR_M, _FLATTENING = 6_378_137.0, 1 / 298.257223563  # WGS 84
 
+_LEAST_DEGREE_M = 110_574.0  # of latitude, at the equator
+
 
 def offset_m(origin: LatLon, position: LatLon) -> tuple[float, float]:
     """East and north of a position in metres, by the ellipsoid's radii of curvature: to a metre within 5 km."""
@@ -51,6 +53,9 @@ class Area:
 
     def surely_holds(self, position: LatLon) -> bool:
         """Whether a position lies inside, and not at the edge."""
+        # Most of a map lies far to the north or south: nothing need be computed.
+        if abs(position.latitude_deg - self.centre.latitude_deg) * _LEAST_DEGREE_M > self.radius_m:
+            return False
         east_m, north_m = offset_m(self.centre, position)
         if math.hypot(east_m, north_m) > self.radius_m - EDGE_M:
             return False

@@ -42,7 +42,7 @@ class Deliverer:
     ) -> None:
         self._outbox, self._client, self._clock = outbox, client, clock
         self._jitter = Random() if jitter is None else jitter  # noqa: S311  # jitter, not a secret
-        self._most = MAX_REPORTS
+        self._most = self._ceiling = MAX_REPORTS
         self._suspects: frozenset[UUID] = frozenset()
         self._aside: dict[UUID, tuple[int, float]] = {}
         self._failures = 0
@@ -52,8 +52,11 @@ class Deliverer:
 
     @property
     def wait_s(self) -> float:
-        """Seconds until the next attempt; 0 when it is due."""
-        return max(0.0, self._next_s - self._clock())
+        """Seconds until the next attempt; 0 when it is due, or when there is nothing to send."""
+        now_s, aside = self._clock(), self._set_aside()
+        # The server's wait holds for all reports, that of a report set aside for itself.
+        due_s = min(self._aside[i][1] for i in aside) if aside and self._outbox.waiting <= len(aside) else now_s
+        return max(0.0, self._next_s - now_s, due_s - now_s)
 
     def hurry(self) -> None:
         """Let the next attempt be due at once, unless the server itself has asked to wait: the network is back."""
@@ -104,6 +107,7 @@ class Deliverer:
                 self._suspects, self._most = frozenset(sent), len(sent) // 2
             case Drop(reason):
                 self._outbox.drop(sent[0], reason)
+                self._aside.pop(sent[0], None)
                 self._goes_well()
             case SetAside(reason):
                 _LOG.warning("the server fails on report %s: %s", sent[0], reason)
@@ -111,7 +115,8 @@ class Deliverer:
                 self._goes_well()
             case Retry(reason, after_s, fewer):
                 _LOG.info("the server is to be asked again: %s", reason)
-                self._most = max(1, len(sent) // 2) if fewer else self._most
+                if fewer:
+                    self._most = self._ceiling = max(1, len(sent) // 2)
                 self._wait(after_s)
             case Stop(reason):
                 self._refused(reason)
@@ -122,7 +127,9 @@ class Deliverer:
             _LOG.warning("the server takes reports again")
         self.refusal = None
         self._failures = 0
-        self._most = min(2 * self._most, MAX_REPORTS)
+        # As TCP's slow start and its threshold: what a slow link did not carry is approached by one report at a time.
+        self._ceiling = min(self._ceiling + 1, MAX_REPORTS)
+        self._most = min(2 * self._most, self._ceiling)
 
     def _wait(self, after_s: float | None) -> None:
         self._failures += 1

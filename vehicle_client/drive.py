@@ -60,14 +60,16 @@ class Step:
 class Vehicle:
     """A vehicle on a drive. The state is values; `step` folds one frame into them and talks to the server."""
 
-    def __init__(self, calibration: VehicleCalibration, link: Link, *, pseudonym: str) -> None:
+    def __init__(
+        self, calibration: VehicleCalibration, link: Link, *, pseudonym: str, known: ObstacleMap | None = None
+    ) -> None:
         self._calibration = calibration
         self._link = link
         self._pseudonym = pseudonym
         self._pose_filter = pose.PoseFilter()
         self._accumulator = Accumulator()
         self._tracks = Tracks()
-        self._known = ObstacleMap()
+        self._known = ObstacleMap() if known is None else known
         self._watches = watching.NO_WATCHES
         self._sighted: frozenset[UUID] = frozenset()
         self._alerts = Alerts()

@@ -79,7 +79,8 @@ class ServerLink:
         self._privacy = privacy or Privacy()
         jitter = Random() if jitter is None else jitter  # noqa: S311  # jitter, not a secret
         self._listener = Listener(server_url, api_key, timeout_s=timeout_s, jitter=jitter, clock=clock)
-        self._client = client_for(server_url, api_key, timeout_s)
+        # A server whose database is slow says so after 5 s: that is to be heard.
+        self._client = client_for(server_url, api_key, 2 * timeout_s)
         self._outbox = Outbox(outbox_path)
         self._deliverer = Deliverer(self._outbox, self._client, jitter=jitter, clock=clock)
         self._course = Course()

@@ -1,7 +1,7 @@
 """The obstacle map on disk, so that after a restart without network the driver is still warned.
 
 Written whole into a new file that then takes the old one's place: a car that is switched off at any moment leaves the
-old map or the new one. Gzip of JSON; some hundred bytes an obstacle.
+old map or the new one. Gzip of JSON lines: the format, then an obstacle a line.
 """
 
 from __future__ import annotations
@@ -10,13 +10,11 @@ import gzip
 import logging
 import math
 import os
+import threading
 import zlib
 from contextlib import suppress
 from pathlib import Path
 from types import MappingProxyType
-from typing import Literal
-
-from pydantic import ValidationError
 
 from contract.geometry import Message
 from contract.obstacle import ObstacleFeature
@@ -33,7 +31,7 @@ VOUCHED_ANEW_S = 3_600.0
 MAX_BYTES = 64 << 20
 """Of the JSON: ten times what is ever written; a file is trusted no further."""
 
-_FORMAT = 1
+_HEAD = b'{"headsup_map":1}'
 
 
 class _Stored(Message):
@@ -44,13 +42,6 @@ class _Stored(Message):
     vouched_s: float
 
 
-class _File(Message):
-    """The whole file."""
-
-    format: Literal[1]
-    obstacles: tuple[_Stored, ...]
-
-
 class MapStore:
     """One file with the map. Disk trouble is said in one line of the log, and never raised."""
 
@@ -58,6 +49,7 @@ class MapStore:
         self._path = path
         self._saved: ObstacleMap | None = None
         self._saved_s = -math.inf
+        self._thread: threading.Thread | None = None
 
     def load(self) -> ObstacleMap:
         """The map as it was saved, not fresh until the server speaks; empty when there is none that can be read."""
@@ -65,22 +57,31 @@ class MapStore:
             stored = _read(self._path)
         except FileNotFoundError:
             return ObstacleMap()
-        except (OSError, EOFError, zlib.error, ValidationError, ValueError) as error:
+        except (OSError, EOFError, zlib.error, ValueError) as error:
             _LOG.warning("the obstacle map in %s is not used: %s", self._path, _in_one_line(error))
             return ObstacleMap()
         known = {s.feature.id: KnownObstacle(s.feature, s.told_s, unvouched_s=s.vouched_s) for s in stored}
         return ObstacleMap(remembered=MappingProxyType(known))
 
     def save_if_due(self, known: ObstacleMap, now_s: float) -> None:
-        """Save a map that has changed, at most once a minute; the first one after a minute."""
+        """Save a map that has changed, in a thread, at most once a minute; the first one after a minute."""
         if math.isinf(self._saved_s) or now_s < self._saved_s:
             self._saved_s = now_s
-        if now_s - self._saved_s >= SAVED_EVERY_S:
-            self.save(known, now_s)
+        if now_s - self._saved_s >= SAVED_EVERY_S and not self._is_saving():
+            self._saved_s = now_s
+            self._thread = threading.Thread(target=self._save, args=(known, now_s), name="headsup-map", daemon=True)
+            self._thread.start()
 
     def save(self, known: ObstacleMap, now_s: float) -> None:
-        """Save a map if it has changed."""
-        self._saved_s = now_s
+        """Save a map if it has changed, and wait until it is on disk: at the end of a drive."""
+        if self._thread is not None:
+            self._thread.join()
+        self._save(known, now_s)
+
+    def _is_saving(self) -> bool:
+        return self._thread is not None and self._thread.is_alive()
+
+    def _save(self, known: ObstacleMap, now_s: float) -> None:
         if self._saved is not None and _is_same(self._saved, known):
             return
         try:
@@ -97,22 +98,23 @@ def _is_same(a: ObstacleMap, b: ObstacleMap) -> bool:
     return a.obstacles == b.obstacles and a.remembered == b.remembered and not is_heard_anew
 
 
-def _read(path: Path) -> tuple[_Stored, ...]:
+def _read(path: Path) -> list[_Stored]:
     with gzip.open(path) as file:
         text = file.read(MAX_BYTES + 1)
     if len(text) > MAX_BYTES:
         raise ValueError("it is too large")
-    return _File.model_validate_json(text).obstacles[: 2 * MOST_REMEMBERED]
+    first, *lines = text.splitlines()
+    if first != _HEAD:
+        raise ValueError("it is no map of this version")
+    return [_Stored.model_validate_json(line) for line in lines[: 2 * MOST_REMEMBERED]]
 
 
 def _write(path: Path, known: ObstacleMap, now_s: float) -> None:
     heard_s = now_s if known.heard_s is None else known.heard_s
     entries = {**known.remembered, **known.obstacles}.values()
-    stored = tuple(
-        _Stored(feature=e.feature, told_s=e.told_s, vouched_s=heard_s if e.unvouched_s is None else e.unvouched_s)
-        for e in entries
-    )
-    text = _File(format=_FORMAT, obstacles=stored).model_dump_json().encode()
+    # One by one: a thread that serialised all at once would hold up the frame loop as long.
+    lines = [_line(entry, heard_s) for entry in entries]
+    text = b"\n".join([_HEAD, *lines])
     new = path.with_name(f"{path.name}.new")
     try:
         with new.open("wb") as file:
@@ -124,6 +126,11 @@ def _write(path: Path, known: ObstacleMap, now_s: float) -> None:
         with suppress(OSError):
             new.unlink()
         raise
+
+
+def _line(entry: KnownObstacle, heard_s: float) -> bytes:
+    vouched_s = heard_s if entry.unvouched_s is None else entry.unvouched_s
+    return _Stored(feature=entry.feature, told_s=entry.told_s, vouched_s=vouched_s).model_dump_json().encode()
 
 
 def _in_one_line(error: Exception) -> str:

@@ -31,8 +31,8 @@ around the car (600 m) by what it drives before it is sorted anew."""
 SORTED_ANEW_M = 100.0
 """Driven distance after which it is decided again what is near."""
 
-MOST_REMEMBERED = 5_000
-"""Of those far away the nearest are kept: some megabytes, and more than lie along a day's drive."""
+MOST_REMEMBERED = 2_000
+"""Of those far away the nearest are kept: three to the kilometre of a day's drive, and sorted anew within 15 ms."""
 
 REMEMBERED_S = 14 * 86_400.0
 """A pothole is mended in about a month: after two weeks without word a fourth of the warnings would be false."""

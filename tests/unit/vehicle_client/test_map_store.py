@@ -66,8 +66,17 @@ def test_what_has_expired_meanwhile_warns_nobody(path: Path) -> None:
     assert numbers(around(MapStore(path).load(), PATRAS, NOON_S + 2 * HOUR_S)) == set()
 
 
+class Watched(MapStore):
+    """Waits for each save to be over."""
+
+    def save_if_due(self, known: ObstacleMap, now_s: float) -> None:
+        super().save_if_due(known, now_s)
+        if self._thread is not None:
+            self._thread.join()
+
+
 def test_it_is_written_once_a_minute_at_most_and_only_when_something_changed(path: Path) -> None:
-    store, known = MapStore(path), map_of(feature(1))
+    store, known = Watched(path), map_of(feature(1))
     store.save_if_due(known, NOON_S)
     store.save_if_due(known, NOON_S + SAVED_EVERY_S - 1)
     assert not path.exists()
@@ -82,6 +91,14 @@ def test_it_is_written_once_a_minute_at_most_and_only_when_something_changed(pat
     assert {e.unvouched_s for e in MapStore(path).load().remembered.values()} == {NOON_S + 2 * VOUCHED_ANEW_S}
 
 
+def test_the_end_of_a_drive_waits_for_its_map(path: Path) -> None:
+    store = MapStore(path)
+    store.save_if_due(map_of(feature(1)), NOON_S)
+    store.save_if_due(map_of(feature(2)), NOON_S + SAVED_EVERY_S)
+    store.save(map_of(feature(3)), NOON_S + SAVED_EVERY_S + 1)
+    assert numbers(MapStore(path).load()) == {3}
+
+
 def test_a_first_drive_has_an_empty_map_and_says_nothing(path: Path, caplog: pytest.LogCaptureFixture) -> None:
     assert MapStore(path).load() == ObstacleMap()
     assert caplog.records == []
@@ -91,7 +108,9 @@ BROKEN = [
     b"",
     b"nonsense",
     gzip.compress(b"{"),
-    gzip.compress(b'{"format": 2, "obstacles": []}'),
+    gzip.compress(b'{"headsup_map":2}'),
+    gzip.compress(b'{"headsup_map":1}\n{"feature": 1}'),
+    gzip.compress(b""),
     b"\x1f\x8b\x08" + b"\0" * 50,
 ]
 

@@ -15,7 +15,7 @@ from contract.events import SUBPROTOCOL, Moved, Position, Snapshot, Updated
 from contract.geometry import LatLon
 from tests.unit.vehicle_client.making import PATRAS, feature
 from vehicle_client.area import Area, Reached, Surveyed
-from vehicle_client.push import AREA_RADIUS_M, PushChannel, PushError
+from vehicle_client.push import AREA_RADIUS_M, MAX_MESSAGE_BYTES, PushChannel, PushError
 
 Behaviour = Callable[[ServerConnection], None]
 
@@ -109,3 +109,24 @@ def test_a_server_that_never_acknowledges_is_given_up() -> None:
 
     with channel_to(chatter, timeout_s=0.3) as channel, pytest.raises(PushError, match="not acknowledged"):
         channel.exchange(PATRAS)
+
+
+def test_a_message_without_end_is_an_error() -> None:
+    def flood(connection: ServerConnection) -> None:
+        connection.recv()
+        connection.send("x" * (MAX_MESSAGE_BYTES + 1))
+
+    with channel_to(flood) as channel, pytest.raises(PushError, match="broke"):
+        channel.exchange(PATRAS)
+
+
+def test_what_does_not_speak_the_subprotocol_is_no_channel() -> None:
+    with serve(lambda _: None, "127.0.0.1", 0) as server:
+        thread = threading.Thread(target=server.serve_forever)
+        thread.start()
+        try:
+            with pytest.raises(PushError, match="speak"):
+                PushChannel(f"http://127.0.0.1:{server.socket.getsockname()[1]}", None)
+        finally:
+            server.shutdown()
+            thread.join()
