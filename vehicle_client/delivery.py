@@ -88,7 +88,8 @@ class Deliverer:
                 headers=_JSON,
             )
         except httpx.RequestError as error:
-            return self._obey(Retry(f"no answer: {error!r}", fewer=isinstance(error, httpx.TimeoutException)), kept)
+            is_too_much = isinstance(error, httpx.ReadTimeout | httpx.WriteTimeout)
+            return self._obey(Retry(f"no answer: {error!r}", fewer=is_too_much), kept)
         sent = [item.report_id for item in kept]
         return self._obey(verdict(answer.status, answer.headers, answer.content, sent, sent_at), kept)
 

@@ -32,7 +32,7 @@ from vehicle_client.tracking import Track, Tracks
 
 HEAR_EVERY_S = 1.0
 """How often the car says where it is, and sends again what was not answered: at 130 km/h the area moves by 36 m of its
-500 m meanwhile, and a server that hangs costs one time-out a second of drive, not one a frame."""
+600 m meanwhile, and a server that hangs costs one time-out a second of drive, not one a frame."""
 
 
 @dataclass(frozen=True, slots=True)

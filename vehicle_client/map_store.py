@@ -117,6 +117,8 @@ def _write(path: Path, known: ObstacleMap, now_s: float) -> None:
     text = b"\n".join([_HEAD, *lines])
     new = path.with_name(f"{path.name}.new")
     try:
+        # It says where the car was: for its owner only.
+        new.touch(mode=0o600)
         with new.open("wb") as file:
             file.write(gzip.compress(text, compresslevel=1, mtime=0))
             file.flush()

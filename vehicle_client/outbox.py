@@ -107,7 +107,7 @@ class Outbox:
         self._unwritten = _Unwritten()
         self._counts: Counter[str] = Counter()
         self._given_up: list[ReportResult] = []
-        self._is_read = False
+        self._is_read = self._is_closed = False
         self.trouble: str | None = None
         """Why the disk takes nothing, while that is so."""
         with self._lock:
@@ -191,6 +191,7 @@ class Outbox:
         """Close the file."""
         with self._lock:
             self._synchronise()
+            self._is_closed = True
             self._file.close()
 
     def _is_readable(self) -> bool:
@@ -215,6 +216,8 @@ class Outbox:
 
     def _synchronise(self) -> None:
         """Bring the file up to date with memory; what it does not take now waits for the next call."""
+        if self._is_closed:
+            return
         try:
             if not self._is_read:
                 self._read()

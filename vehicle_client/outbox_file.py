@@ -114,6 +114,8 @@ class OutboxFile:
                 if is_start:
                     raise
                 raise DiskError(str(error)) from error
+            except OSError as error:
+                raise DiskError(f"{self._path}: {error}") from error
             except sqlite3.Error as error:
                 code = _code_of(error)
                 if is_start and code == sqlite3.SQLITE_BUSY:
@@ -166,6 +168,8 @@ class OutboxFile:
 
 
 def _connected(path: Path) -> sqlite3.Connection:
+    # It says where the car was: for its owner only. SQLite gives its other files the same mode.
+    path.touch(mode=0o600)
     # One thread at a time is the caller's lock; no waiting, since whoever holds the file keeps it.
     database = sqlite3.connect(path, isolation_level=None, timeout=0, check_same_thread=False)
     # The lock is held from the first access on, and lost with the process: also by one that is killed.

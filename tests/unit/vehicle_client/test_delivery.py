@@ -277,6 +277,17 @@ def test_an_hour_without_network_costs_nothing_and_little_traffic(outbox: Outbox
     assert [r.report_id for r in sender.deliver()] == ids(put)
 
 
+def test_a_server_that_cannot_be_reached_says_nothing_of_how_much_the_link_carries(outbox: Outbox) -> None:
+    clock = Clock()
+    filled(outbox, 64)
+    server = Server(raising(httpx.ConnectTimeout))
+    sender = deliverer(outbox, server, clock)
+    for _ in range(3):
+        sender.deliver()
+        clock.now_s += sender.wait_s
+    assert server.sizes == [64, 64, 64]
+
+
 def test_a_long_backlog_goes_in_full_batches_each_with_the_moment_of_sending(outbox: Outbox) -> None:
     filled(outbox, 2 * MAX_REPORTS + 20)
     server = Server(accepting)

@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from contract.geometry import LatLon
-from contract.observation import MAX_REPORTS, ObservationBatch, ReportStatus
+from contract.observation import MAX_REPORTS, ObservationBatch, ReportResult, ReportStatus
 from tests.unit.server.making import detection, message
 from tests.unit.vehicle_client.making import PATRAS
 from tests.unit.vehicle_client.outbox_making import all_accepted, ids, reports
@@ -138,7 +138,7 @@ def test_a_drive_goes_on_while_the_server_hangs(path: Path) -> None:
             assert link.status.waiting == 3
             assert not released.is_set()
             released.set()
-            results = []
+            results: list[ReportResult] = []
             while len(results) < 3:
                 results += link.deliver()
         assert {r.report_id for r in results} == set(ids(sent))
@@ -146,7 +146,7 @@ def test_a_drive_goes_on_while_the_server_hangs(path: Path) -> None:
 
 def test_what_is_put_last_is_delivered_at_the_end_of_the_drive(path: Path) -> None:
     with server() as (url, batches):
-        with BackgroundLink(ServerLink(url, None, path)) as link:
+        with BackgroundLink(ServerLink(url, None, path), stop_within_s=60.0) as link:
             for report in reports(2 * MAX_REPORTS):
                 link.put(report)
         assert sum(len(batch.reports) for batch in batches) == 2 * MAX_REPORTS
@@ -181,7 +181,7 @@ def test_a_fault_in_a_thread_is_told_and_does_not_end_the_rest(
             assert link.hear(PATRAS) == []
         assert "a fault that nobody foresaw" in link.status.trouble
         link.put(reports(1)[0])
-        results = []
+        results: list[ReportResult] = []
         while not results:
             results += link.deliver()
     assert "Traceback" in caplog.text

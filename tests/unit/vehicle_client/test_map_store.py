@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import gzip
 import resource
+import stat
 from datetime import timedelta
 from pathlib import Path
 
@@ -150,5 +151,6 @@ def test_a_full_disk_leaves_the_old_map(path: Path, caplog: pytest.LogCaptureFix
     assert "cannot be saved" in caplog.text
     assert numbers(MapStore(path).load()) == {1}
     assert list(path.parent.iterdir()) == [path]
+    assert stat.S_IMODE(path.stat().st_mode) == 0o600
     store.save(map_of(feature(2)), NOON_S + 200)
     assert numbers(MapStore(path).load()) == {2}

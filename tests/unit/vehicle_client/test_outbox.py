@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import resource
+import shutil
 import sqlite3
+import stat
 import subprocess
 import sys
+import tempfile
 from collections.abc import Iterator
 from contextlib import closing, contextmanager
 from datetime import timedelta
@@ -208,6 +211,13 @@ def test_a_database_of_another_program_is_refused_and_left_as_it_is(path: Path) 
     assert path.read_bytes() == before
 
 
+def test_nobody_but_its_owner_reads_where_the_car_was(path: Path) -> None:
+    with reopened(path) as outbox:
+        outbox.put(reports(1)[0])
+        files = list(path.parent.iterdir())
+        assert [stat.S_IMODE(file.stat().st_mode) for file in files] == [0o600] * len(files)
+
+
 def test_a_folder_that_is_not_there_is_said(tmp_path: Path) -> None:
     with pytest.raises(OutboxError, match="is no folder"):
         Outbox(tmp_path / "nowhere" / "outbox.sqlite3")
@@ -308,7 +318,7 @@ class OutboxMachine(RuleBasedStateMachine):
 
     def __init__(self) -> None:
         super().__init__()
-        self.folder = Path(subprocess.check_output(["mktemp", "-d"], text=True).strip())
+        self.folder = Path(tempfile.mkdtemp())
         self.outbox = Outbox(self.folder / "outbox.sqlite3")
         self.model: list[UUID] = []
         self.fates = 0
@@ -358,7 +368,7 @@ class OutboxMachine(RuleBasedStateMachine):
 
     def teardown(self) -> None:
         self.outbox.close()
-        subprocess.run(["rm", "-r", str(self.folder)], check=True)
+        shutil.rmtree(self.folder)
 
 
 TestOutboxMachine = OutboxMachine.TestCase
