@@ -11,12 +11,16 @@ from vehicle_client.frames import GeoOrigin, Vector, rotation_about_z, yaw_from_
 from vehicle_client.heading import YawMeasurement
 from vehicle_client.height_filter import HeightFilter
 from vehicle_client.odometry_history import OdometryHistory, PlanarPose, in_axes_of, turn_between
-from vehicle_client.pose_filter import YAW, OdometryDrift, PlaceMeasurement, PlaneFilter
+from vehicle_client.pose_filter import YAW, Expectation, OdometryDrift, PlaceMeasurement, PlaneFilter
 from vehicle_client.sources.frame import GnssFix
+from vehicle_client.speed_scale import ScaleMeasurement
 
 ANCHOR_M = 1_000.0
 """Distance after which the origin follows the car: north turns by 0.3 mrad over it at 60 degrees of latitude, which
 displaces a pose by centimetres; over 50 km it would be by 2 m."""
+
+LARGEST_SCALE = 0.1
+"""Worn, other or flat tyres change a wheel's way by some percent; slipping ones by more, and not for long."""
 
 LEAST_SD_M = 0.01
 """Of an altitude or of a stated place: no variance may be zero."""
@@ -84,23 +88,24 @@ def anchored(estimate: CarEstimate) -> CarEstimate:
     return CarEstimate(here, replace(estimate.plane, mean=plane_mean), replace(estimate.height, mean=height_mean))
 
 
-def place_measurement(
+def expectation(
     estimate: CarEstimate, fix: GnssFix, at: PlanarPose, history: OdometryHistory, antenna_m: Vector
-) -> PlaceMeasurement:
-    """A fix of the antenna (3,) at an earlier moment, as the filter takes it."""
+) -> Expectation:
+    """What is expected of a fix of the antenna (3,) at an earlier moment."""
     now = history.poses[-1]
-    return PlaceMeasurement(
+    measured = PlaceMeasurement(
         place_m=estimate.origin.enu(fix.position, fix.altitude_m)[:2],
         sd_m=fix.sd_m,
         antenna_m=(rotation_about_z(at.yaw_rad - now.yaw_rad) @ antenna_m)[:2],
         behind_m=in_axes_of(now, now.place_m - at.place_m),
         velocity_mps=in_axes_of(now, history.velocity_mps),
     )
+    return pose_filter.expectation(estimate.plane, measured)
 
 
-def with_place(estimate: CarEstimate, measured: PlaceMeasurement, elapsed_s: float) -> CarEstimate:
+def with_place(estimate: CarEstimate, expected: Expectation, elapsed_s: float) -> CarEstimate:
     """After a fix that is believed, `elapsed_s` after the one before."""
-    return replace(estimate, plane=pose_filter.with_place(estimate.plane, measured, elapsed_s))
+    return replace(estimate, plane=pose_filter.with_place(estimate.plane, expected, elapsed_s))
 
 
 def jumped(estimate: CarEstimate, by_m: Vector, sd_m: float) -> CarEstimate:
@@ -111,6 +116,13 @@ def jumped(estimate: CarEstimate, by_m: Vector, sd_m: float) -> CarEstimate:
 def with_yaw(estimate: CarEstimate, yaw: YawMeasurement) -> CarEstimate:
     """After a measured yaw."""
     return replace(estimate, plane=pose_filter.with_yaw(estimate.plane, yaw.yaw_rad, yaw.sd_rad))
+
+
+def with_scale(estimate: CarEstimate, scale: ScaleMeasurement) -> CarEstimate:
+    """After a measurement of odometry's scale; one that no tyre explains is left out."""
+    if abs(scale.scale) > LARGEST_SCALE:
+        return estimate
+    return replace(estimate, plane=pose_filter.with_scale(estimate.plane, scale.scale, scale.sd))
 
 
 def with_altitude(

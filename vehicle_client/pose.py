@@ -31,6 +31,7 @@ from vehicle_client.heading import FirstFix, measured_yaw, yaw_of_track
 from vehicle_client.odometry_history import REMEMBERED_S, OdometryHistory, PlanarPose
 from vehicle_client.pose_filter import YAW, OdometryDrift
 from vehicle_client.sources.frame import GnssFix, LidarFrame
+from vehicle_client.speed_scale import measured_scale
 
 STALE_AFTER_S = 60.0
 """Age of the last believed fix after which there is no pose, however little odometry claims to drift."""
@@ -205,8 +206,8 @@ def _with_fix(state: PoseFilter, fix: GnssFix, stamp_s: float) -> PoseFilter:
     if state.estimate is None or state.stated is not None:
         return _begun(replace(state, stated=None), fix, at)
     estimate = car_estimate.anchored(state.estimate)
-    measured = car_estimate.place_measurement(estimate, fix, at, state.history, state.antenna_m)
-    innovation_m, covariance_m2 = pose_filter.innovation(estimate.plane, measured)
+    expected = car_estimate.expectation(estimate, fix, at, state.history, state.antenna_m)
+    innovation_m, covariance_m2 = pose_filter.innovation(estimate.plane, expected)
     gate, verdict = gate.judges(stamp_s, innovation_m, covariance_m2, fix.sd_m)
     state = replace(state, gate=gate, estimate=estimate)
     if verdict is Verdict.REJECTED:
@@ -217,15 +218,18 @@ def _with_fix(state: PoseFilter, fix: GnssFix, stamp_s: float) -> PoseFilter:
         estimate = car_estimate.jumped(estimate, innovation_m, fix.sd_m)
     else:
         elapsed_s = max(0.0, stamp_s - state.last_fix_s)
-        estimate = car_estimate.with_place(estimate, measured, elapsed_s)
-    return _with_yaw_and_height(replace(state, estimate=estimate, last_fix_s=stamp_s), estimate, fix, at)
+        estimate = car_estimate.with_place(estimate, expected, elapsed_s)
+    return _with_the_rest(replace(state, estimate=estimate, last_fix_s=stamp_s), estimate, fix, at)
 
 
-def _with_yaw_and_height(state: PoseFilter, estimate: CarEstimate, fix: GnssFix, at: PlanarPose) -> PoseFilter:
+def _with_the_rest(state: PoseFilter, estimate: CarEstimate, fix: GnssFix, at: PlanarPose) -> PoseFilter:
     estimate = car_estimate.with_altitude(estimate, fix, at, state.history.poses[-1], state.antenna_m)
     yaw = measured_yaw(fix, at, state.history, state.last_yaw_s)
     if yaw is None:
         return replace(state, estimate=estimate)
+    scale = measured_scale(fix, at, state.history)
+    if scale is not None:
+        estimate = car_estimate.with_scale(estimate, scale)
     return replace(state, estimate=car_estimate.with_yaw(estimate, yaw), last_yaw_s=at.stamp_s)
 
 

@@ -166,50 +166,69 @@ class PlaceMeasurement:
     velocity_mps: Vector
 
 
-def innovation(bank: PlaneFilter, fix: PlaceMeasurement) -> tuple[Vector, Matrix]:
+@dataclass(frozen=True, slots=True)
+class Expectation:
+    """What each filter expects of a fix: (M, 2), its Jacobian (M, 2, 7), the fix's noise and the whole covariance, both
+    (M, 2, 2)."""
+
+    fix: PlaceMeasurement
+    expected_m: Matrix
+    jacobian: Matrix
+    noise_m2: Matrix
+    covariance_m2: Matrix
+
+
+def innovation(bank: PlaneFilter, of: Expectation) -> tuple[Vector, Matrix]:
     """What the mixture did not foretell (2,), and its covariance (2, 2)."""
-    expected, jacobian, noise = _foretold(bank, fix)
-    each = jacobian @ bank.covariance @ jacobian.transpose(0, 2, 1) + noise
-    mean = bank.weight @ expected
-    apart = expected - mean
-    covariance = np.einsum("m,mij->ij", bank.weight, each) + np.einsum("m,mi,mj->ij", bank.weight, apart, apart)
-    return np.asarray(fix.place_m - mean), np.asarray(covariance)
+    mean = bank.weight @ of.expected_m
+    apart = of.expected_m - mean
+    spread = np.einsum("m,mi,mj->ij", bank.weight, apart, apart)
+    covariance = np.einsum("m,mij->ij", bank.weight, of.covariance_m2) + spread
+    return np.asarray(of.fix.place_m - mean), np.asarray(covariance)
 
 
-def with_place(bank: PlaneFilter, fix: PlaceMeasurement, elapsed_s: float) -> PlaneFilter:
+def with_place(bank: PlaneFilter, of: Expectation, elapsed_s: float) -> PlaneFilter:
     """The bank after a fix, `elapsed_s` after the one before; models gain or lose weight by its likelihood."""
-    expected, jacobian, noise = _foretold(bank, fix)
-    residual = fix.place_m - expected
-    covariance = jacobian @ bank.covariance @ jacobian.transpose(0, 2, 1) + noise
-    inverse = np.linalg.inv(covariance)
-    gain = bank.covariance @ jacobian.transpose(0, 2, 1) @ inverse
+    residual = of.fix.place_m - of.expected_m
+    inverse = np.linalg.inv(of.covariance_m2)
+    gain = bank.covariance @ of.jacobian.transpose(0, 2, 1) @ inverse
     mean = bank.mean + np.einsum("mij,mj->mi", gain, residual)
     squared = np.einsum("mi,mij,mj->m", residual, inverse, residual)
-    log_likelihood = -0.5 * (squared + np.log(np.linalg.det(covariance)))
+    log_likelihood = -0.5 * (squared + np.log(np.linalg.det(of.covariance_m2)))
     log_weight = np.log(bank.weight) * math.exp(-elapsed_s / FORGET_S) + log_likelihood
     weight = np.maximum(np.exp(log_weight - log_weight.max()), LEAST_WEIGHT)
-    return PlaneFilter(mean, _reduced(bank.covariance, gain, jacobian, noise), weight / weight.sum())
+    covariance = _reduced(bank.covariance, gain, of.jacobian, of.noise_m2)
+    return PlaneFilter(mean, covariance, weight / weight.sum())
 
 
 def with_yaw(bank: PlaneFilter, yaw_rad: float, sd_rad: float) -> PlaneFilter:
     """The bank after a measured yaw, counter-clockwise from east."""
-    jacobian = np.zeros((len(bank.mean), 1, 7))
-    jacobian[:, 0, YAW] = 1.0
-    noise = np.full((len(bank.mean), 1, 1), sd_rad**2)
-    gain = bank.covariance[:, :, YAW, None] / (bank.covariance[:, YAW, YAW] + sd_rad**2)[:, None, None]
     residual = np.array([math.remainder(yaw_rad - yaw, 2 * math.pi) for yaw in bank.mean[:, YAW]])
+    return _with_one(bank, YAW, residual, sd_rad)
+
+
+def with_scale(bank: PlaneFilter, scale: float, sd: float) -> PlaneFilter:
+    """The bank after a measurement of odometry's scale error."""
+    return _with_one(bank, SCALE, scale - bank.mean[:, SCALE], sd)
+
+
+def _with_one(bank: PlaneFilter, which: int, residual: Vector, sd: float) -> PlaneFilter:
+    """The bank after a measurement of one of its numbers; the filters differ too little in it to be judged by it."""
+    jacobian = np.zeros((len(bank.mean), 1, 7))
+    jacobian[:, 0, which] = 1.0
+    noise = np.full((len(bank.mean), 1, 1), sd**2)
+    gain = bank.covariance[:, :, which, None] / (bank.covariance[:, which, which] + sd**2)[:, None, None]
     mean = bank.mean + gain[:, :, 0] * residual[:, None]
     return replace(bank, mean=mean, covariance=_reduced(bank.covariance, gain, jacobian, noise))
 
 
-def _foretold(bank: PlaneFilter, fix: PlaceMeasurement) -> tuple[Matrix, Matrix, Matrix]:
-    """Expected fixes (M, 2), their Jacobians (M, 2, 7) and noise (M, 2, 2)."""
+def expectation(bank: PlaneFilter, fix: PlaceMeasurement) -> Expectation:
+    """What the filters expect of a fix before they have seen it."""
     cos, sin = np.cos(bank.mean[:, YAW]), np.sin(bank.mean[:, YAW])
     enu_from_car = np.moveaxis(np.array([[cos, -sin], [sin, cos]]), 2, 0)
     behind = enu_from_car @ fix.behind_m
     offset = enu_from_car @ fix.antenna_m - (1 + bank.mean[:, SCALE, None]) * behind
     slow_m = fix.sd_m * np.array([model.slow for model in ERROR_MODELS])
-    expected = bank.mean[:, :2] + offset + slow_m[:, None] * bank.mean[:, SLOW_EAST:]
     jacobian = np.zeros((len(bank.mean), 2, 7))
     jacobian[:, 0, EAST] = jacobian[:, 1, NORTH] = 1.0
     jacobian[:, :, YAW] = np.stack([-offset[:, 1], offset[:, 0]], axis=1)
@@ -218,7 +237,13 @@ def _foretold(bank: PlaneFilter, fix: PlaceMeasurement) -> tuple[Matrix, Matrix,
     late = STAMP_SD_S * (enu_from_car @ fix.velocity_mps)
     white_m2 = np.array([(fix.sd_m * model.white) ** 2 for model in ERROR_MODELS])
     noise = white_m2[:, None, None] * np.eye(2) + late[:, :, None] * late[:, None, :]
-    return expected, jacobian, noise
+    return Expectation(
+        fix,
+        expected_m=bank.mean[:, :2] + offset + slow_m[:, None] * bank.mean[:, SLOW_EAST:],
+        jacobian=jacobian,
+        noise_m2=noise,
+        covariance_m2=jacobian @ bank.covariance @ jacobian.transpose(0, 2, 1) + noise,
+    )
 
 
 def _reduced(covariance: Matrix, gain: Matrix, jacobian: Matrix, noise: Matrix) -> Matrix:
