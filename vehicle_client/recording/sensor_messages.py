@@ -52,8 +52,8 @@ def point_cloud(frame: LidarFrame, detection: FrameDetection) -> PointCloud:
         "class": detection.labels,
     }
     there = {name: values for name, values in columns.items() if values is not None}
-    kind = np.dtype([(name, values.dtype.newbyteorder("<")) for name, values in there.items()])
-    points = np.empty(len(frame.points_m), dtype=kind)
+    kind = np.dtype([(name, values.dtype.newbyteorder("<")) for name, values in there.items()], align=True)
+    points = np.zeros(len(frame.points_m), dtype=kind)
     for name, values in there.items():
         points[name] = values
     return PointCloud(
