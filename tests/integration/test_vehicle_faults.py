@@ -1,4 +1,5 @@
-"""The real client against the real server through a network that fails: the log ends with exactly what was put."""
+"""The real client against the real server through a network that fails: the log ends with exactly what was put, and
+the map with exactly what is served."""
 
 from __future__ import annotations
 
@@ -12,16 +13,18 @@ import threading
 import time
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import closing, contextmanager
+from contextlib import closing, contextmanager, nullcontext
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from random import Random
 from types import MappingProxyType
 from uuid import UUID
 
+import httpx
 import pytest
 import uvicorn
 
+from contract.obstacle import ObstacleCollection
 from server.app import create_app
 from server.running import listening
 from server.settings import Settings
@@ -29,7 +32,9 @@ from server.startup import preflight
 from tests.integration.faulty_drive import along, link_to, report
 from tests.integration.faulty_proxy import FAULTS, FaultyProxy
 from tests.integration.processes import ServerProcess
+from tests.unit.server.making import PATRAS
 from vehicle_client.background import BackgroundLink
+from vehicle_client.obstacle_map import ObstacleMap, apply, around
 
 ROOT = Path(__file__).parents[2]
 AGO = timedelta(hours=2)
@@ -70,12 +75,38 @@ def expected(numbers: range, start: datetime) -> Counter[UUID]:
     return Counter(report(number, start).report_id for number in numbers)
 
 
-def drive_on_until(link: BackgroundLink, is_over: Callable[[], bool]) -> None:
-    deadline_s = time.monotonic() + PATIENCE_S
-    while not is_over():
-        assert time.monotonic() < deadline_s, link.status
-        link.hear(along(0))
-        time.sleep(0.02)
+class Drive:
+    """What a drive makes of a link: it goes along, hears, and keeps a map."""
+
+    def __init__(self) -> None:
+        self.known = ObstacleMap()
+        self.link: BackgroundLink
+
+    def step(self, number: int) -> None:
+        here, now_s = along(number), time.time()
+        for said in self.link.hear(here):
+            self.known = apply(self.known, said, now_s)
+        self.known = around(self.known, here, now_s)
+
+    def go_on_until(self, is_over: Callable[[], bool]) -> None:
+        deadline_s = time.monotonic() + PATIENCE_S
+        while not is_over():
+            assert time.monotonic() < deadline_s, self.link.status
+            self.step(0)
+            time.sleep(0.02)
+
+    def revisions(self) -> dict[UUID, int]:
+        return {
+            i: known.feature.properties.revision
+            for i, known in (*self.known.obstacles.items(), *self.known.remembered.items())
+        }
+
+
+def served_revisions(port: int) -> dict[UUID, int]:
+    where = {"lat": PATRAS.latitude_deg, "lon": PATRAS.longitude_deg}
+    answer = httpx.get(f"http://127.0.0.1:{port}/v1/obstacles", params=where)
+    features = ObstacleCollection.model_validate_json(answer.content).features
+    return {feature.id: feature.properties.revision for feature in features}
 
 
 @contextmanager
@@ -94,25 +125,25 @@ def in_one_process(folder: Path, seed: int, count: int, restarts: int) -> None:
     server = ServerThread(folder / "headsup.sqlite3")
     server.start()
     events = sorted(random.sample(range(count), 2 * restarts))
+    drive, outbox = Drive(), folder / "outbox.sqlite3"
     with FaultyProxy(server.port, random, faults=0.7) as proxy:
-        with link_to(proxy.url, folder / "outbox.sqlite3", seed) as link:
+        with link_to(proxy.url, outbox, seed) as drive.link:
             for number in range(count):
                 if number in events[::2]:
                     server.stop()
                 if number in events[1::2]:
                     server.start()
-                if number == count // 2:
-                    with no_disk():
-                        link.put(report(number, start))
-                else:
-                    link.put(report(number, start))
-                link.hear(along(number))
+                with no_disk() if number == count // 2 else nullcontext():
+                    drive.link.put(report(number, start))
+                drive.step(number)
                 time.sleep(0.03)
-            drive_on_until(link, lambda: set(proxy.done) >= set(FAULTS))
+            drive.go_on_until(lambda: set(proxy.done) >= set(FAULTS))
         proxy.faults = 0.0
-        with link_to(proxy.url, folder / "outbox.sqlite3", seed) as link:
-            drive_on_until(link, lambda: not link.status.waiting)
-            fates = link.status.fates
+        with link_to(proxy.url, outbox, seed) as drive.link:
+            drive.go_on_until(lambda: not drive.link.status.waiting)
+            fates = drive.link.status.fates
+            revisions = served_revisions(server.port)
+            drive.go_on_until(lambda: drive.revisions() == revisions)
     server.stop()
     assert sum(fates.values()) == fates.get("accepted", 0) + fates.get("duplicate", 0) == count
     assert log_of(folder / "headsup.sqlite3") == expected(range(count), start)
@@ -162,7 +193,7 @@ def in_two_processes(folder: Path, seed: int, count: int, kills: int) -> None:
     assert log_of(folder / "headsup.sqlite3") == expected(range(count), start)
 
 
-def test_in_one_process_the_log_ends_with_exactly_what_was_put(tmp_path: Path) -> None:
+def test_in_one_process_log_and_map_end_as_they_should(tmp_path: Path) -> None:
     in_one_process(tmp_path, seed=1, count=60, restarts=2)
 
 
