@@ -20,8 +20,8 @@ FloatArray = NDArray[np.float64]
 NO_POINTS = np.empty((0, 3), dtype=np.float32)
 
 RECEIVER_SD_M = 1.891 / 2.448
-"""Of an axis, since the recording states none: GPS.gov quotes the FAA's measurements of the standard positioning service
-with 1.891 m for 95 % of places, and 2.448 is the radius of 95 % in standard deviations of an axis."""
+"""Of an axis, since the recording states none: GPS.gov quotes the FAA's measurements of the standard service with
+1.891 m for 95 % of places, and 2.448 is the radius of 95 % in standard deviations of an axis."""
 
 RECEIVER_DELAY_S = 0.095
 """How long after its measurement a u-blox fix comes, as openpilot's localizer found for the device that drove here

@@ -11,7 +11,7 @@ from vehicle_client.frames import GeoOrigin, Vector, rotation_about_z, yaw_from_
 from vehicle_client.heading import YawMeasurement
 from vehicle_client.height_filter import HeightFilter
 from vehicle_client.odometry_history import OdometryHistory, PlanarPose, in_axes_of, turn_between
-from vehicle_client.pose_filter import YAW, Expectation, OdometryDrift, PlaceMeasurement, PlaneFilter
+from vehicle_client.pose_filter import YAW, Expectation, PlaceMeasurement, PlaneFilter
 from vehicle_client.sources.frame import GnssFix
 from vehicle_client.speed_scale import ScaleMeasurement
 
@@ -45,33 +45,31 @@ class CarEstimate:
         return float(self.plane.state[YAW])
 
 
-def begun(
-    fix: GnssFix, at: PlanarPose, now: PlanarPose, yaw: YawMeasurement, antenna_m: Vector, drift: OdometryDrift
-) -> CarEstimate:
+def begun(fix: GnssFix, at: PlanarPose, now: PlanarPose, yaw: YawMeasurement, antenna_m: Vector) -> CarEstimate:
     """The car now, from a fix of its antenna (3,) at an earlier moment and the yaw now."""
     turn = rotation_about_z(yaw.yaw_rad - now.yaw_rad)
     lever = rotation_about_z(yaw.yaw_rad + at.yaw_rad - now.yaw_rad) @ antenna_m
     place_m = turn @ (now.place_m - at.place_m) - lever
     return CarEstimate(
         GeoOrigin(fix.position, fix.altitude_m),
-        pose_filter.started(place_m[:2], fix.sd_m, yaw.yaw_rad, yaw.sd_rad, drift),
+        pose_filter.started(place_m[:2], fix.sd_m, yaw.yaw_rad, yaw.sd_rad),
         height_filter.started(float(place_m[2]), max(fix.altitude_sd_m, LEAST_SD_M)),
     )
 
 
-def begun_at_stated_place(origin: GeoOrigin, heading_rad: float, drift: OdometryDrift) -> CarEstimate:
+def begun_at_stated_place(origin: GeoOrigin, heading_rad: float) -> CarEstimate:
     """The car at a place and heading that somebody says."""
     yaw = yaw_from_heading(heading_rad)
-    plane = pose_filter.started(np.zeros(2), LEAST_SD_M, yaw, 0.0, drift)
+    plane = pose_filter.started(np.zeros(2), LEAST_SD_M, yaw, 0.0)
     return CarEstimate(origin, plane, height_filter.started(0.0, LEAST_SD_M))
 
 
-def moved(estimate: CarEstimate, before: PlanarPose, now: PlanarPose, drift: OdometryDrift) -> CarEstimate:
+def moved(estimate: CarEstimate, before: PlanarPose, now: PlanarPose) -> CarEstimate:
     """After what odometry says happened between two moments."""
     elapsed_s = max(0.0, now.stamp_s - before.stamp_s)
     offset = now.place_m - before.place_m
     step = in_axes_of(before, offset)
-    plane = pose_filter.advanced(estimate.plane, step, turn_between(before, now), elapsed_s, drift)
+    plane = pose_filter.advanced(estimate.plane, step, turn_between(before, now), elapsed_s)
     height = height_filter.advanced(estimate.height, float(offset[2]), float(np.hypot(*step)), elapsed_s)
     return replace(estimate, plane=plane, height=height)
 

@@ -29,7 +29,7 @@ from vehicle_client.frames import (
 )
 from vehicle_client.heading import FirstFix, measured_yaw, yaw_of_track
 from vehicle_client.odometry_history import REMEMBERED_S, OdometryHistory, PlanarPose
-from vehicle_client.pose_filter import YAW, OdometryDrift
+from vehicle_client.pose_filter import YAW
 from vehicle_client.sources.frame import GnssFix, LidarFrame
 from vehicle_client.speed_scale import measured_scale
 
@@ -123,7 +123,6 @@ class StatedPlace:
 class PoseFilter:
     """What the fold remembers. `antenna_m` (3,) is the place on the car that fixes are of."""
 
-    drift: OdometryDrift = field(default_factory=OdometryDrift)
     antenna_m: Vector = field(default_factory=lambda: np.zeros(3))
     stated: StatedPlace | None = None
     estimate: CarEstimate | None = None
@@ -150,7 +149,7 @@ def update(state: PoseFilter, frame: LidarFrame) -> tuple[PoseFilter, PoseUpdate
     for fix in fixes:
         state = _with_fix(state, fix, _stamp(fix, frame))
     if state.estimate is None and state.stated is not None:
-        begun = car_estimate.begun_at_stated_place(state.stated.origin, state.stated.heading_rad, state.drift)
+        begun = car_estimate.begun_at_stated_place(state.stated.origin, state.stated.heading_rad)
         state = replace(state, estimate=begun)
     reason = _reason_for_none(state, frame.stamp_s)
     if state.estimate is None or reason is not None:
@@ -165,8 +164,8 @@ def _moved(state: PoseFilter, stamp_s: float, odom_from_vehicle: Matrix) -> Pose
         return replace(state, history=history)
     before, now = state.history.poses[-1], history.poses[-1]
     if np.linalg.norm(now.place_m - before.place_m) > IMPOSSIBLE_MPS * max(now.stamp_s - before.stamp_s, 1.0):
-        return PoseFilter(state.drift, state.antenna_m, history=OdometryHistory((now,)))
-    return replace(state, history=history, estimate=car_estimate.moved(state.estimate, before, now, state.drift))
+        return PoseFilter(antenna_m=state.antenna_m, history=OdometryHistory((now,)))
+    return replace(state, history=history, estimate=car_estimate.moved(state.estimate, before, now))
 
 
 def _stamp(fix: GnssFix, frame: LidarFrame) -> float:
@@ -213,7 +212,7 @@ def _with_fix(state: PoseFilter, fix: GnssFix, stamp_s: float) -> PoseFilter:
     if verdict is Verdict.REJECTED:
         return state
     if verdict is Verdict.LOST:
-        return _begun(PoseFilter(state.drift, state.antenna_m, history=state.history), fix, at)
+        return _begun(PoseFilter(antenna_m=state.antenna_m, history=state.history), fix, at)
     if verdict is Verdict.AGREED:
         estimate = car_estimate.jumped(estimate, innovation_m, fix.sd_m)
     else:
@@ -242,7 +241,7 @@ def _begun(state: PoseFilter, fix: GnssFix, at: PlanarPose) -> PoseFilter:
     if yaw is None or yaw.sd_rad > LARGEST_YAW_SD_RAD:
         first = state.first if state.first is not None and state.first.is_near(at) else FirstFix(fix, at)
         return replace(state, estimate=None, first=first)
-    begun = car_estimate.begun(fix, at, now, yaw, state.antenna_m, state.drift)
+    begun = car_estimate.begun(fix, at, now, yaw, state.antenna_m)
     return replace(state, estimate=begun, first=None, last_fix_s=at.stamp_s, last_yaw_s=at.stamp_s)
 
 

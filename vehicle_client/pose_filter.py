@@ -52,20 +52,21 @@ STAMP_SD_S = 0.02
 """Jitter of a fix's stamp where it is taken on arrival: serial lines and schedulers add 10 to 30 ms."""
 
 
-@dataclass(frozen=True, slots=True)
-class OdometryDrift:
-    """1 sigma of what odometry gets wrong: constants of a drive, and noise that adds up with the root of the way.
+SCALE_SD = 0.01
+"""What odometry gets wrong for a whole drive, 1 sigma: 1 % of the way, from tyres' wear and pressure. KITTI's odometry
+table has 0.5 to 2 % for scan matching and cameras."""
 
-    Defaults cover wheels with a consumer gyro and scan matching: 1 % of the way from tyres' wear and pressure, 1 degree
-    in 100 m; KITTI's odometry table has 0.5 to 2 % and 0.1 to 1 degree in 100 m for scan matching and cameras.
-    """
+TURN_SD_RAD_PER_M = math.radians(0.01)
+"""And 1 degree in 100 m, from gyros and steering that are not at zero; KITTI's table has 0.1 to 1 degree."""
 
-    scale_sd: float = 0.01
-    turn_sd_rad_per_m: float = math.radians(0.01)
-    way_sd_m: float = 0.02
-    yaw_sd_rad: float = math.radians(0.03)
-    yaw_sd_per_turn: float = 0.03
-    constants_last_m: float = 2_000.0
+CONSTANTS_LAST_M = 2_000.0
+"""Tyres warm up, gyros drift: after some kilometres both are others."""
+
+WAY_SD_M, YAW_SD_RAD = 0.02, math.radians(0.03)
+"""Noise after a metre, growing with the root of the way: 20 cm and 0.3 degrees in 100 m."""
+
+YAW_SD_PER_TURN = 0.03
+"""Of a turn itself: a gyro's scale, tyres that slip outwards."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,15 +90,15 @@ class PlaneFilter:
         return np.asarray(np.einsum("m,mij->ij", self.weight, self.covariance) + spread)
 
 
-def started(place_m: Vector, sd_m: float, yaw_rad: float, yaw_sd_rad: float, drift: OdometryDrift) -> PlaneFilter:
+def started(place_m: Vector, sd_m: float, yaw_rad: float, yaw_sd_rad: float) -> PlaneFilter:
     """A bank at a fix (2,) east and north, whose error is the fix's: place and slow error are opposite."""
     count = len(ERROR_MODELS)
     mean = np.zeros((count, 7))
     mean[:, :2], mean[:, YAW] = place_m, yaw_rad
     covariance = np.zeros((count, 7, 7))
     covariance[:, YAW, YAW] = yaw_sd_rad**2
-    covariance[:, SCALE, SCALE] = drift.scale_sd**2
-    covariance[:, TURN, TURN] = drift.turn_sd_rad_per_m**2
+    covariance[:, SCALE, SCALE] = SCALE_SD**2
+    covariance[:, TURN, TURN] = TURN_SD_RAD_PER_M**2
     return _placed(PlaneFilter(mean, covariance, np.full(count, 1 / count)), place_m, sd_m)
 
 
@@ -120,7 +121,7 @@ def _placed(bank: PlaneFilter, place_m: Vector, sd_m: float) -> PlaneFilter:
     return bank
 
 
-def advanced(bank: PlaneFilter, step_m: Vector, turn_rad: float, elapsed_s: float, drift: OdometryDrift) -> PlaneFilter:
+def advanced(bank: PlaneFilter, step_m: Vector, turn_rad: float, elapsed_s: float) -> PlaneFilter:
     """The bank after a step (2,) in the axes of the car before it, and a turn counter-clockwise."""
     way_m = float(np.hypot(*step_m))
     cos, sin = np.cos(bank.mean[:, YAW]), np.sin(bank.mean[:, YAW])
@@ -138,18 +139,18 @@ def advanced(bank: PlaneFilter, step_m: Vector, turn_rad: float, elapsed_s: floa
     jacobian[:, SLOW_EAST, SLOW_EAST] = jacobian[:, SLOW_NORTH, SLOW_NORTH] = kept
     covariance = jacobian @ bank.covariance @ jacobian.transpose(0, 2, 1)
     axes = np.arange(7)
-    covariance[:, axes, axes] += _noise(way_m, turn_rad, drift)
+    covariance[:, axes, axes] += _noise(way_m, turn_rad)
     covariance[:, SLOW_EAST, SLOW_EAST] += 1 - kept**2
     covariance[:, SLOW_NORTH, SLOW_NORTH] += 1 - kept**2
     return replace(bank, mean=mean, covariance=covariance)
 
 
-def _noise(way_m: float, turn_rad: float, drift: OdometryDrift) -> Vector:
-    """Variances (7,) that a step adds; constants wander so that they are forgotten over `constants_last_m`."""
-    wander = 2 * way_m / drift.constants_last_m
-    yaw = drift.yaw_sd_rad**2 * way_m + (drift.yaw_sd_per_turn * turn_rad) ** 2
-    place = drift.way_sd_m**2 * way_m
-    return np.array([place, place, yaw, drift.scale_sd**2 * wander, drift.turn_sd_rad_per_m**2 * wander, 0.0, 0.0])
+def _noise(way_m: float, turn_rad: float) -> Vector:
+    """Variances (7,) that a step adds; constants wander so that they are forgotten over `CONSTANTS_LAST_M`."""
+    wander = 2 * way_m / CONSTANTS_LAST_M
+    yaw = YAW_SD_RAD**2 * way_m + (YAW_SD_PER_TURN * turn_rad) ** 2
+    place = WAY_SD_M**2 * way_m
+    return np.array([place, place, yaw, SCALE_SD**2 * wander, TURN_SD_RAD_PER_M**2 * wander, 0.0, 0.0])
 
 
 @dataclass(frozen=True, slots=True)

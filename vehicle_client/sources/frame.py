@@ -18,7 +18,10 @@ class SourceError(ValueError):
 
 @dataclass(frozen=True, slots=True)
 class GnssFix:
-    """A satellite fix of the vehicle frame's origin; `sd_m` is the horizontal standard deviation of each axis."""
+    """A satellite fix of the vehicle frame's origin, or of the antenna where the calibration states its place.
+
+    `sd_m` is the horizontal standard deviation of each axis.
+    """
 
     position: LatLon
     altitude_m: float

@@ -18,7 +18,6 @@ from vehicle_client.pose_filter import (
     ERROR_MODELS,
     SCALE,
     YAW,
-    OdometryDrift,
     PlaceMeasurement,
     PlaneFilter,
     advanced,
@@ -30,7 +29,6 @@ from vehicle_client.pose_filter import (
 from vehicle_client.sources.frame import GnssFix, LidarFrame
 from vehicle_client.speed_scale import measured_scale
 
-DRIFT = OdometryDrift()
 NOWHERE = np.zeros(2)
 NO_POINTS = np.empty((0, 3), dtype=np.float32)
 
@@ -55,9 +53,9 @@ steps = st.lists(
 def test_whatever_comes_the_covariances_stay_covariances_and_the_weights_sum_to_one(
     drive: list[tuple[float, float, float, float, float]],
 ) -> None:
-    bank = started(NOWHERE, 1.0, 0.3, 0.05, DRIFT)
+    bank = started(NOWHERE, 1.0, 0.3, 0.05)
     for ahead, left, turn, east, sd in drive:
-        bank = advanced(bank, np.array([ahead, left]), turn, 0.1, DRIFT)
+        bank = advanced(bank, np.array([ahead, left]), turn, 0.1)
         bank = with_yaw(after_fix(bank, fix_of(east, -east, sd)), turn, 0.1)
     assert np.isfinite(bank.mean).all()
     assert np.allclose(bank.covariance, bank.covariance.transpose(0, 2, 1), atol=1e-9)
@@ -67,10 +65,10 @@ def test_whatever_comes_the_covariances_stay_covariances_and_the_weights_sum_to_
 
 
 def test_a_way_without_fixes_makes_place_and_heading_less_sure() -> None:
-    bank = started(NOWHERE, 1.0, 0.0, 0.01, DRIFT)
+    bank = started(NOWHERE, 1.0, 0.0, 0.01)
     moved = bank
     for _ in range(100):
-        moved = advanced(moved, np.array([1.0, 0.0]), 0.0, 0.1, DRIFT)
+        moved = advanced(moved, np.array([1.0, 0.0]), 0.0, 0.1)
     assert moved.state[:2] == pytest.approx([100, 0])
     grown = np.diag(moved.state_covariance) - np.diag(bank.state_covariance)
     # 1 % of 100 m ahead; 1 degree and more to the side.
@@ -80,33 +78,33 @@ def test_a_way_without_fixes_makes_place_and_heading_less_sure() -> None:
 
 
 def test_a_parked_car_loses_nothing_but_time() -> None:
-    bank = started(NOWHERE, 1.0, 0.0, 0.01, DRIFT)
-    later = advanced(bank, NOWHERE, 0.0, 60.0, DRIFT)
+    bank = started(NOWHERE, 1.0, 0.0, 0.01)
+    later = advanced(bank, NOWHERE, 0.0, 60.0)
     assert later.state_covariance[:2, :2] == pytest.approx(bank.state_covariance[:2, :2])
 
 
 def test_thousands_of_equal_fixes_of_a_parked_car_do_not_make_it_sure() -> None:
-    bank = started(NOWHERE, 1.0, 0.0, 0.01, DRIFT)
+    bank = started(NOWHERE, 1.0, 0.0, 0.01)
     for _ in range(600):
-        bank = after_fix(advanced(bank, NOWHERE, 0.0, 0.1, DRIFT), fix_of(0.0, 0.0))
+        bank = after_fix(advanced(bank, NOWHERE, 0.0, 0.1), fix_of(0.0, 0.0))
     assert math.sqrt(bank.state_covariance[0, 0]) > 0.7
 
 
 @pytest.mark.parametrize("kind", ["white", "slow"])
 def test_the_bank_finds_out_what_a_receiver_is_like(kind: str) -> None:
     random = np.random.default_rng(5)
-    bank, slow = started(NOWHERE, 1.0, 0.0, 0.01, DRIFT), random.normal(0, 1, 2)
+    bank, slow = started(NOWHERE, 1.0, 0.0, 0.01), random.normal(0, 1, 2)
     kept = math.exp(-0.1 / 100)
     for _ in range(900):
         slow = kept * slow + math.sqrt(1 - kept**2) * random.normal(0, 1, 2)
         error = random.normal(0, 1, 2) if kind == "white" else 0.995 * slow + random.normal(0, 0.1, 2)
-        bank = after_fix(advanced(bank, NOWHERE, 0.0, 0.1, DRIFT), fix_of(*error))
+        bank = after_fix(advanced(bank, NOWHERE, 0.0, 0.1), fix_of(*error))
     best = ERROR_MODELS[int(np.argmax(bank.weight))]
     assert (best.white > 0.85) if kind == "white" else (best.white == 0.1)
 
 
 def test_another_place_keeps_what_is_known_of_heading_and_odometry() -> None:
-    bank = pose_filter.with_scale(started(NOWHERE, 1.0, 0.7, 0.01, DRIFT), 0.02, 0.001)
+    bank = pose_filter.with_scale(started(NOWHERE, 1.0, 0.7, 0.01), 0.02, 0.001)
     moved = pose_filter.moved_to(bank, np.array([50.0, 0.0]), 2.0)
     assert moved.state[:2] == pytest.approx([50, 0])
     assert moved.state[[YAW, SCALE]] == pytest.approx(bank.state[[YAW, SCALE]])
