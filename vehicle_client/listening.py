@@ -49,6 +49,7 @@ class Listener:
         self._poller = Poller(self._client)
         self._push: PushChannel | None = None
         self._failures = self._poll_failures = 0
+        self._is_closed = False
         self._push_at_s = self._poll_at_s = clock()
         self.is_polling = False
         """Whether the last question was answered."""
@@ -66,12 +67,13 @@ class Listener:
             heard = self._exchanged(position)
             if heard is not None:
                 return heard
-        if self._failures >= POLL_AFTER and self._clock() >= self._poll_at_s:
+        if self._failures >= POLL_AFTER and self._clock() >= self._poll_at_s and not self._is_closed:
             return self._polled(position, heading_rad)
         return []
 
     def close(self) -> None:
-        """Close all connections; also from another thread, which ends what waits for an answer."""
+        """Close all connections for good; also from another thread, while one is being used."""
+        self._is_closed = True
         self._drop_push()
         self._client.close()
 
@@ -79,6 +81,8 @@ class Listener:
         try:
             if self._push is None:
                 self._push = PushChannel(self._server_url, self._api_key, timeout_s=self._timeout_s)
+            if self._is_closed:
+                raise PushError("the listener was closed meanwhile")
             heard = self._push.exchange(position)
         except PushError as error:
             self._drop_push()

@@ -9,7 +9,7 @@ from datetime import UTC, datetime
 from urllib.parse import urlsplit, urlunsplit
 
 from pydantic import ValidationError
-from websockets.exceptions import ConnectionClosed, InvalidHandshake, InvalidStatus, InvalidURI
+from websockets.exceptions import ConnectionClosed, InvalidStatus, WebSocketException
 from websockets.sync.client import ClientConnection, connect
 from websockets.typing import Subprotocol
 
@@ -69,7 +69,7 @@ class PushChannel:
             raise PushError(
                 f"no push channel to {server_url}: {error}", status=response.status_code, wait_s=wait_s
             ) from error
-        except (OSError, InvalidHandshake, InvalidURI, EOFError, ValueError) as error:
+        except (OSError, WebSocketException, EOFError, ValueError) as error:
             raise PushError(f"no push channel to {server_url}: {error}") from error
         if connection.subprotocol != SUBPROTOCOL:
             self.close()

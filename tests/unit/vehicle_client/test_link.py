@@ -153,7 +153,9 @@ def test_what_is_put_last_is_delivered_at_the_end_of_the_drive(path: Path) -> No
     assert waiting_in(path) == 0
 
 
-def test_a_drive_ends_also_when_the_server_hangs_and_its_reports_are_kept(path: Path) -> None:
+def test_a_drive_ends_also_when_the_server_hangs_and_its_reports_are_kept(
+    path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
     released = threading.Event()
     with server(released.wait) as (url, batches):
         with BackgroundLink(ServerLink(url, None, path, timeout_s=60.0), stop_within_s=0.3) as link:
@@ -163,6 +165,8 @@ def test_a_drive_ends_also_when_the_server_hangs_and_its_reports_are_kept(path: 
         assert not released.is_set()
         assert waiting_in(path) == 1
         released.set()
+    assert "Traceback" not in caplog.text
+    assert "in memory" not in caplog.text
 
 
 class BrokenLink(ServerLink):
