@@ -27,7 +27,7 @@ class Twist:
 
     def now_from_then(self, after_s: float) -> Matrix:
         """(4, 4) pose of the frame `after_s` later (or earlier, if negative) in the frame now."""
-        moved = deskew(np.vstack([np.zeros(3), np.eye(3)]).astype(np.float32), np.full(4, after_s, np.float32), self)
+        moved = _moved(np.vstack([np.zeros(3), np.eye(3)]).astype(np.float32), np.full(4, after_s), self)
         axes = moved.astype(np.float64)
         return rigid((axes[1:] - axes[0]).T, axes[0])
 
@@ -65,12 +65,21 @@ def twist_between(before_from_now: Matrix, elapsed_s: float) -> Twist | None:
 
 def deskew(points_m: Float32Array, point_time_s: Float32Array, twist: Twist) -> Float32Array:
     """Points (N, 3), each measured `point_time_s` (N,) after the stamp in the sensor's frame of that moment, in its
-    frame at the stamp, when the sensor moves by `twist`. A time that is not finite counts as 0."""
-    times = np.nan_to_num(np.asarray(point_time_s, dtype=np.float64), nan=0.0, posinf=0.0, neginf=0.0)
+    frame at the stamp, when the sensor moves by `twist`. A time beyond `LONGEST_STEP_S`, or none at all, counts as 0.
+
+    Raises `ValueError` if there are not as many times as points.
+    """
+    if point_time_s.shape != (len(points_m),):
+        raise ValueError(f"{len(points_m)} points need as many times, not {point_time_s.shape}")
+    said = np.asarray(point_time_s, dtype=np.float64)
+    return _moved(points_m, np.where(np.abs(said) <= LONGEST_STEP_S, said, 0.0), twist)
+
+
+def _moved(points_m: Float32Array, times_s: Vector, twist: Twist) -> Float32Array:
     rate = float(np.linalg.norm(twist.angular_rps))
     axis = twist.angular_rps / rate if rate > 0 else np.array([0.0, 0.0, 1.0])
     moved = np.empty((len(points_m), 3), dtype=np.float32)
-    _move(np.ascontiguousarray(points_m, dtype=np.float32), times, twist.velocity_mps, axis, max(rate, 1e-9), moved)
+    _move(np.ascontiguousarray(points_m, dtype=np.float32), times_s, twist.velocity_mps, axis, max(rate, 1e-9), moved)
     return moved
 
 

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from vehicle_client.calibration import curvature_of
 from vehicle_client.deskew import deskew, twist_between
 from vehicle_client.frames import Matrix, inverse, rigid, rotation_about_z
+from vehicle_client.odometry_history import ODOMETRY_GAP_S
 from vehicle_client.sources.frame import LidarFrame, Motion
 
 COASTS_S = 0.5
@@ -69,7 +70,7 @@ class DeadReckoning:
 
     def _coasted(self, stamp_s: float) -> DeadReckoning:
         """On the arc until a moment; a moment before the present (a clock was set back) only sets the time."""
-        elapsed_s = stamp_s - self.stamp_s
+        elapsed_s = min(stamp_s - self.stamp_s, ODOMETRY_GAP_S)
         if elapsed_s <= 0:
             return self if elapsed_s > -COASTS_S else replace(self, stamp_s=stamp_s)
         turn = self.yaw_rate_rps * elapsed_s

@@ -13,6 +13,9 @@ from vehicle_client.frames import Matrix, Vector, yaw_of
 REMEMBERED_S = 1.5
 """Receivers and serial lines deliver within a second; what is older comes from a clock that is off."""
 
+ODOMETRY_GAP_S = 1.5
+"""After a longer silence nobody knows the way since: a car that brakes is metres from where its last speed leads."""
+
 MOST_POSES = 256
 """More than 1.5 s of a sensor at 100 Hz."""
 

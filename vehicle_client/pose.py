@@ -28,7 +28,7 @@ from vehicle_client.frames import (
     yaw_of,
 )
 from vehicle_client.heading import FirstFix, measured_yaw, yaw_of_track
-from vehicle_client.odometry_history import REMEMBERED_S, OdometryHistory, PlanarPose
+from vehicle_client.odometry_history import ODOMETRY_GAP_S, REMEMBERED_S, OdometryHistory, PlanarPose
 from vehicle_client.pose_filter import YAW
 from vehicle_client.sources.frame import GnssFix, LidarFrame
 from vehicle_client.speed_scale import measured_scale
@@ -163,7 +163,9 @@ def _moved(state: PoseFilter, stamp_s: float, odom_from_vehicle: Matrix) -> Pose
     if not state.history.poses or state.estimate is None:
         return replace(state, history=history)
     before, now = state.history.poses[-1], history.poses[-1]
-    if np.linalg.norm(now.place_m - before.place_m) > IMPOSSIBLE_MPS * max(now.stamp_s - before.stamp_s, 1.0):
+    elapsed_s = now.stamp_s - before.stamp_s
+    too_far = np.linalg.norm(now.place_m - before.place_m) > IMPOSSIBLE_MPS * max(elapsed_s, 1.0)
+    if (too_far or elapsed_s > ODOMETRY_GAP_S) and state.stated is None:
         return PoseFilter(antenna_m=state.antenna_m, history=OdometryHistory((now,)))
     return replace(state, history=history, estimate=car_estimate.moved(state.estimate, before, now))
 

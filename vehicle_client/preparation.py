@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -28,8 +29,10 @@ class Preparation:
         """The frame with aligned stamps, `odom_from_vehicle` if anything tells it, and points at the frame's stamp.
 
         Points stay as they came where their times are not known (and the calibration's spin does not tell them), and in
-        the first frame, whose motion nobody knows.
+        the first frame, whose motion nobody knows. A frame without a time has no odometry.
         """
+        if not math.isfinite(frame.stamp_s):
+            return replace(frame, odom_from_vehicle=None, point_time_s=None)
         frame = self._with_times(aligned(frame, self._calibration.delays))
         if self._tracker is None:
             vehicle_from_sensor = self._calibration.vehicle.vehicle_from_sensor
@@ -46,8 +49,10 @@ class Preparation:
         return replace(camera, vehicle_from_camera=moved @ camera.vehicle_from_camera)
 
     def _with_times(self, frame: LidarFrame) -> LidarFrame:
-        spin = self._calibration.spin
-        if spin is None or frame.point_time_s is not None:
+        spin, said = self._calibration.spin, frame.point_time_s
+        if said is not None and said.shape != (len(frame.points_m),):
+            return replace(frame, point_time_s=None)
+        if spin is None or said is not None:
             return frame
         return replace(frame, point_time_s=spin.point_time_s(frame.points_m))
 

@@ -59,10 +59,15 @@ def test_no_points_are_no_points_and_a_car_that_stands_changes_none() -> None:
 
 
 def test_a_time_that_is_no_number_leaves_its_point_and_the_others_move() -> None:
-    points = np.ones((3, 3), dtype=np.float32)
-    times = np.array([math.nan, math.inf, -0.1], dtype=np.float32)
+    points = np.ones((4, 3), dtype=np.float32)
+    times = np.array([math.nan, math.inf, -0.1, -1e8], dtype=np.float32)
     found = deskew(points, times, Twist(np.array([10.0, 0, 0]), np.zeros(3)))
-    assert found[:, 0] == pytest.approx([1, 1, 0], abs=1e-6)
+    assert found[:, 0] == pytest.approx([1, 1, 0, 1], abs=1e-6)
+
+
+def test_as_many_times_as_points_are_asked_for() -> None:
+    with pytest.raises(ValueError, match="5 points"):
+        deskew(np.ones((5, 3), np.float32), np.zeros(4, np.float32), Twist(np.ones(3), np.ones(3)))
 
 
 @pytest.mark.parametrize("seconds", [0.0, -0.1, LONGEST_STEP_S + 0.01, math.nan])

@@ -83,6 +83,11 @@ def test_motions_that_come_late_and_a_clock_set_back_move_no_car_backwards() -> 
     assert after.x_m == pytest.approx(4.0)
 
 
+def test_a_clock_that_is_set_an_hour_ahead_does_not_drive_the_car_for_an_hour() -> None:
+    car = DeadReckoning(NOON_S).after([motion(0.0)], NOON_S + 3600)
+    assert car.x_m < 20
+
+
 def test_the_best_that_a_drive_brings_is_taken() -> None:
     assert isinstance(tracker_for(LidarFrame(0.0, NO_POINTS, odom_from_vehicle=np.eye(4)), MAST, 2.7), Given)
     assert isinstance(tracker_for(frame(0.0, motion(0.0)), MAST, 2.7), Wheels)

@@ -126,7 +126,8 @@ def test_an_outage_is_bridged_with_growing_doubt_and_a_reason_at_its_end() -> No
 
 def test_a_parked_car_has_no_pose_when_its_last_fix_is_old() -> None:
     state, _ = update(PoseFilter(), frame_at(NOON_S, np.eye(4), fix_at(0, 0, EAST)))
-    state, just = update(state, frame_at(NOON_S + STALE_AFTER_S, np.eye(4), None))
+    for second in range(1, int(STALE_AFTER_S) + 1):
+        state, just = update(state, frame_at(NOON_S + second, np.eye(4), None))
     assert just.pose is not None
     _, late = update(state, frame_at(NOON_S + STALE_AFTER_S + 1, np.eye(4), None))
     assert late == PoseUpdate(None, "the last satellite fix is 61 s old")
@@ -293,6 +294,15 @@ def test_odometry_that_begins_anew_begins_the_pose_anew() -> None:
     assert east_north_m(found) == pytest.approx([50, 0], abs=0.01)
     assert found.pose is not None
     assert found.pose.heading_rad == pytest.approx(EAST)
+
+
+def test_after_a_gap_of_odometry_the_pose_begins_anew_at_the_next_fix() -> None:
+    """Wheels that were silent for two seconds do not know how far the car came."""
+    state, _ = along_x(50)
+    state, silent = update(state, frame_at(NOON_S + 7.0, planar(55, 0, 0.0), None))
+    assert silent == PoseUpdate(None, "no satellite fix yet")
+    _, found = update(state, frame_at(NOON_S + 7.1, planar(56, 0, 0.0), fix_at(71, 0, EAST)))
+    assert east_north_m(found) == pytest.approx([71, 0], abs=0.01)
 
 
 def test_without_a_compass_the_heading_comes_from_the_way_between_fixes() -> None:

@@ -77,6 +77,25 @@ def test_without_odometry_points_stay_as_they_came(lost: Matrix | None) -> None:
     assert np.array_equal(preparation.prepared(after).points_m, points)
 
 
+def test_times_that_are_not_as_many_as_points_are_not_used() -> None:
+    preparation, points = Preparation(CAR), np.ones((3, 3), dtype=np.float32)
+    for k in range(2):
+        came = LidarFrame(
+            NOON_S + k / 10, points, odom_from_vehicle=odom_at(k / 10), point_time_s=np.zeros(2, np.float32)
+        )
+        frame = preparation.prepared(came)
+    assert np.array_equal(frame.points_m, points)
+
+
+def test_a_frame_without_a_time_spoils_none_after_it() -> None:
+    preparation, empty = Preparation(CAR), np.empty((0, 3), np.float32)
+    for stamp_s in (math.nan, NOON_S, math.inf, NOON_S + 0.1):
+        said = (Motion(stamp_s, 5.0, 0.0),)
+        frame = preparation.prepared(LidarFrame(stamp_s, empty, motions=said))
+    assert frame.odom_from_vehicle is not None
+    assert frame.odom_from_vehicle[0, 3] == pytest.approx(0.5)
+
+
 def test_wheels_give_the_odometry_that_a_source_does_not() -> None:
     preparation = Preparation(CAR)
     for k in range(11):
