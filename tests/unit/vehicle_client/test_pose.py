@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from uuid import UUID
 
 import numpy as np
 import pytest
@@ -23,6 +24,7 @@ from vehicle_client.pose import (
     StatedPlace,
     update,
 )
+from vehicle_client.reporting import compose_report
 from vehicle_client.sources.frame import GnssFix, LidarFrame
 
 RATE_HZ = 10
@@ -346,6 +348,13 @@ def test_the_antenna_s_place_on_the_car_is_taken_out() -> None:
     assert east_north_m(found) == pytest.approx([29, 0], abs=1e-2)
     assert found.pose is not None
     assert found.pose.altitude_m == pytest.approx(20 - 1.6, abs=1e-2)
+
+
+def test_a_report_carries_the_pose_s_covariance_also_between_east_and_north() -> None:
+    unsure = replace(pose_at(), covariance_m2=np.array([[2.0, 0.5], [0.5, 1.0]]))
+    report = compose_report(UUID(int=1), unsure, [], [], pseudonym="car", sensor="test")
+    covariance = report.origin.covariance
+    assert (covariance.east_m2, covariance.north_m2, covariance.east_north_m2) == (2.0, 1.0, 0.5)
 
 
 def test_a_drive_without_satellites_goes_on_from_a_stated_place_and_says_so() -> None:
