@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -27,6 +27,12 @@ TOGETHER_S = 0.2
 ODOMETRY_WITHIN_S = 0.25
 """A pose is carried on by its last motion for so long: at 1 m/s2 it is 3 cm off then."""
 
+BASE_S = 0.05
+"""A motion is carried on from poses so far apart: nearer ones would make their noise many times larger."""
+
+MOST_POSES = 100
+"""Of the fastest odometry half a second."""
+
 SPEED_WITHIN_S = 1.0
 """A speed older than this says nothing of now."""
 
@@ -48,7 +54,7 @@ class Assembler:
     _velocity: GroundVelocity | None = field(default=None, init=False)
     _motions: deque[Motion] = field(default_factory=lambda: deque(maxlen=MOST_MOTIONS), init=False)
     _speed: Motion | None = field(default=None, init=False)
-    _poses: deque[Odometry] = field(default_factory=lambda: deque(maxlen=2), init=False)
+    _poses: deque[Odometry] = field(default_factory=lambda: deque(maxlen=MOST_POSES), init=False)
     _steering_rad: float = field(default=0.0, init=False)
 
     def frames(self, readings: Iterable[Reading]) -> Iterator[LidarFrame]:
@@ -132,13 +138,16 @@ class Assembler:
         self._poses.append(pose)
 
 
-def pose_at(poses: tuple[Odometry, ...], stamp_s: float) -> Matrix | None:
+def pose_at(poses: Sequence[Odometry], stamp_s: float) -> Matrix | None:
     """`odom_from_vehicle` at a moment by the motion between two poses; None where they are too far from it in time."""
-    if not poses or abs(stamp_s - poses[-1].stamp_s) > ODOMETRY_WITHIN_S:
+    if not poses or not -ODOMETRY_WITHIN_S <= stamp_s - poses[-1].stamp_s <= ODOMETRY_WITHIN_S:
         return None
-    if len(poses) < 2 or poses[-1].stamp_s - poses[0].stamp_s > ODOMETRY_WITHIN_S:
-        return poses[-1].odom_from_vehicle
-    first, last = poses
+    after = next((i for i, pose in enumerate(poses) if pose.stamp_s >= stamp_s), len(poses) - 1)
+    last = poses[after]
+    base_s = last.stamp_s - (0.0 if last.stamp_s >= stamp_s else BASE_S)
+    first = next((pose for pose in reversed(poses[:after]) if pose.stamp_s <= base_s), poses[0])
+    if not 0 < last.stamp_s - first.stamp_s <= ODOMETRY_WITHIN_S:
+        return last.odom_from_vehicle
     share = (stamp_s - first.stamp_s) / (last.stamp_s - first.stamp_s)
     start, end = first.odom_from_vehicle, last.odom_from_vehicle
     turn = Rotation.from_matrix(start[:3, :3].T @ end[:3, :3]).as_rotvec() * share

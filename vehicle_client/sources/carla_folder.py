@@ -6,6 +6,9 @@ import math
 from collections.abc import Sequence
 from pathlib import Path
 
+import numpy as np
+from numpy.typing import NDArray
+
 from vehicle_client.sources.carla_text import RecordedFrame, is_old_dialect, parse_metadata_line, read_carla_ply
 from vehicle_client.sources.complaints import Complaints
 from vehicle_client.sources.frame import SourceError
@@ -15,6 +18,9 @@ FULL_STEERING_RAD = math.radians(70.0)
 
 SWEEPS_TO_TRY = 20
 """Sweeps among which one must show the road, for the dialect to be known."""
+
+Rings = NDArray[np.uint16]
+PointTimes = NDArray[np.float32]
 
 LIDAR, CAMERA = "sensor.lidar.ray_cast", "sensor.camera.rgb"
 
@@ -70,6 +76,25 @@ def find_dialect(lidar: Path, frames: Sequence[RecordedFrame]) -> bool:
         except SourceError as error:
             reason = error
     raise SourceError(f"{lidar}: none of the first sweeps can be used: {reason}")
+
+
+def read_point_times(lidar: Path, number: int, count: int) -> tuple[Rings, PointTimes] | None:
+    """Ring and seconds after the stamp of each point, which our own recordings keep beside the sweep (`labels`).
+
+    None where they are not there; `SourceError` where they do not fit the sweep.
+    """
+    path = lidar / "labels" / f"{number:05d}.npz"
+    if not path.is_file():
+        return None
+    try:
+        with np.load(path, allow_pickle=False) as labels:
+            ring, time_s = np.asarray(labels["ring"]), np.asarray(labels["time_offset_s"])
+    except Exception as error:  # NumPy's and zipfile's parsers raise a dozen types where bytes make no sense
+        raise SourceError(f"{path}: expected ring and time_offset_s of each point") from error
+    fits = ring.shape == time_s.shape == (count,) and ring.dtype == np.uint16 and time_s.dtype == np.float32
+    if not fits or not np.isfinite(time_s).all():
+        raise SourceError(f"{path}: ring and time_offset_s do not fit the {count} points of the sweep")
+    return ring, time_s
 
 
 def picture_paths(ego: Path) -> list[tuple[int, Path]]:

@@ -21,16 +21,19 @@ from vehicle_client.frames import (
     yaw_of,
 )
 from vehicle_client.sources.carla_folder import (
+    PointTimes,
+    Rings,
     find_dialect,
     lidar_folder,
     picture_paths,
+    read_point_times,
     read_steering,
     recorded_frames,
     sweep_path,
 )
 from vehicle_client.sources.carla_text import RecordedFrame, in_sensor_frame, read_carla_ply
 from vehicle_client.sources.complaints import Complaints
-from vehicle_client.sources.frame import GnssFix, LidarFrame, SourceError
+from vehicle_client.sources.frame import GnssFix, LidarFrame, Motion, SourceError
 from vehicle_client.sources.pictures import read_picture
 from vehicle_client.sources.recorded_tables import (
     RecordedOdometry,
@@ -41,7 +44,9 @@ from vehicle_client.sources.recorded_tables import (
     odometry_of,
     read_description,
     read_table,
+    yaw_rate_of,
 )
+from vehicle_client.sources.stamps import StampGate
 
 Row = TypeVar("Row")
 
@@ -55,10 +60,11 @@ EXACT_SD_M = 0.02
 class CarlaRecording:
     """The drive of one vehicle: `folder` holds `ego0`, `ego1`, ...
 
-    Sweeps come in the right-handed sensor frame, with intensity where it was recorded; `odom_from_vehicle` from
-    odometry.csv, else from the sweep's transform. Fixes come from gnss.csv, moved from the antenna to the vehicle's
-    origin, with the heading of imu.csv's compass; where there is none, from the transform and the place of the world's
-    origin: that of recording.json, or `origin`, about which x is east and y north. What is missing, cut or corrupt is
+    Sweeps come in the right-handed sensor frame, with intensity, rings and point times where they were recorded;
+    `odom_from_vehicle` from odometry.csv, else from the sweep's transform; yaw rates from imu.csv. Fixes come from
+    gnss.csv, moved from the antenna to the vehicle's origin, with the heading of imu.csv's compass; where there is
+    none, from the transform and the place of the world's origin: that of recording.json, or `origin`, about which x is
+    east and y north. What is missing, cut or corrupt, or does not follow in time, is
     skipped with a warning and counted. `SourceError` if this is no such recording.
     """
 
@@ -76,6 +82,7 @@ class CarlaRecording:
         self._pictures = Timeline(picture_paths(self._ego))
         self._fixes = self._timeline("gnss", fix_of)
         self._compass = self._timeline("imu", compass_of)
+        self._yaw_rates = self._timeline("imu", yaw_rate_of)
         self._odometry = dict(self._rows("odometry.csv", odometry_of))
         ticks = self._rows("poses.csv", number_of)
         self._steering = read_steering(self._ego, ticks or recorded, self._complaints)
@@ -92,8 +99,12 @@ class CarlaRecording:
 
     def __iter__(self) -> Iterator[LidarFrame]:
         after = RecordedFrame(-1, -math.inf, np.eye(4))
+        gate = StampGate()
         for frame in self._frames:
             try:
+                refusal = gate.refusal(self._said.start_s + frame.time_s)
+                if refusal is not None:
+                    raise SourceError(f"{self._lidar}, frame {frame.number}: {refusal}")
                 joined = self._joined(frame, after)
             except SourceError as error:
                 self._complaints.add(str(error))
@@ -106,16 +117,31 @@ class CarlaRecording:
         sweep = read_carla_ply(sweep_path(self._lidar, frame.number))
         world_from_vehicle = frame.world_from_sensor @ inverse(self._vehicle_from_sensor)
         odometry = self._odometry.get(frame.number) or RecordedOdometry(world_from_vehicle, self._speeds[frame.number])
+        ring, point_time_s = self._point_times(frame, len(sweep.raw_m))
+        image = self._picture(self._pictures.latest(after.number, frame.number))
         return LidarFrame(
             stamp_s=self._said.start_s + frame.time_s,
             points_m=in_sensor_frame(sweep, self._old_dialect),
             intensity=sweep.intensity,
-            image=self._picture(self._pictures.latest(after.number, frame.number)),
+            ring=ring,
+            point_time_s=point_time_s,
+            image=image,
             odom_from_vehicle=odometry.odom_from_vehicle,
             gnss=self._fix(frame, after, world_from_vehicle),
             steering_rad=self._steering.get(frame.number, 0.0),
             speed_mps=odometry.speed_mps,
+            motions=tuple(
+                Motion(self._said.start_s + time_s, None, rate)
+                for time_s, rate in self._yaw_rates.between(after.time_s, frame.time_s)
+            ),
         )
+
+    def _point_times(self, frame: RecordedFrame, count: int) -> tuple[Rings, PointTimes] | tuple[None, None]:
+        try:
+            return read_point_times(self._lidar, frame.number, count) or (None, None)
+        except SourceError as error:
+            self._complaints.add(str(error))
+            return None, None
 
     def _fix(self, frame: RecordedFrame, after: RecordedFrame, world_from_vehicle: Matrix) -> GnssFix | None:
         enu_from_vehicle = self._enu_from_world @ world_from_vehicle
@@ -131,7 +157,8 @@ class CarlaRecording:
         level = rotation_about_z(-yaw_of(world_from_vehicle)) @ world_from_vehicle[:3, :3]
         lever = rotation_about_z(yaw) @ level @ self._mounting("gnss")[:3, 3]
         position, altitude_m = GeoOrigin(fix.position, fix.altitude_m).geodetic(-lever)
-        return GnssFix(position, altitude_m, heading_from_yaw(yaw), fix.sd_m, fix.altitude_sd_m)
+        stamp_s = self._said.start_s + fix.time_s
+        return GnssFix(position, altitude_m, heading_from_yaw(yaw), fix.sd_m, fix.altitude_sd_m, stamp_s=stamp_s)
 
     def _mounting(self, name: str) -> Matrix:
         """`vehicle_from_sensor` of the receiver or inertial unit that `_timeline` reads."""

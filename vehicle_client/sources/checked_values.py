@@ -16,6 +16,9 @@ CLOCKS_AGREE_S = 10.0
 """A message's own stamp counts if it is so near to when it was recorded: else the sensor's clock is not set (it counts
 from its start), or the recording is of a simulated time that other topics do not share."""
 
+UNIX_SINCE_S = 1e9
+"""2001: a log time before it is none, and some writers leave it at 0."""
+
 UNSTATED_SD_M = 5.0
 """Horizontal error of a receiver that states none: single frequency, open sky, without corrections, 95 % in 10 m."""
 
@@ -34,8 +37,8 @@ def finite(value: object) -> float:
 
 
 def checked_stamp(own_s: float, log_s: float) -> float:
-    """Unix time of a message: its own stamp, or that of its recording where the two disagree."""
-    return own_s if abs(own_s - log_s) <= CLOCKS_AGREE_S else log_s
+    """Unix time of a message: its own stamp, or that of its recording where the two disagree and both can be."""
+    return own_s if abs(own_s - log_s) <= CLOCKS_AGREE_S or log_s < UNIX_SINCE_S else log_s
 
 
 def checked_pose(position_m: Sequence[float], quaternion_xyzw: Sequence[float]) -> Matrix:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Protocol
 
@@ -66,11 +65,23 @@ class LogSource:
         return Assembler(self._complaints, self._log.lever).frames(self._readings())
 
     def _readings(self) -> Iterator[Reading]:
-        messages = self._log.messages(frozenset(self._topics))
-        for log_ns, at_once in itertools.groupby(messages, key=lambda message: message[0]):
-            # What else was said at the sweep's moment belongs to it, in whichever order it was written.
-            for _, name, data in sorted(at_once, key=lambda message: message[1] == self._sweeps.name):
-                yield from self._decoded(self._topics[name], log_ns / 1e9, data)
+        for log_ns, name, data in self._sweeps_last(self._log.messages(frozenset(self._topics))):
+            yield from self._decoded(self._topics[name], log_ns / 1e9, data)
+
+    def _sweeps_last(self, messages: Iterator[tuple[int, str, bytes]]) -> Iterator[tuple[int, str, bytes]]:
+        """What else was said at a sweep's moment belongs to it, in whichever order it was written."""
+        held: tuple[int, str, bytes] | None = None
+        for message in messages:
+            is_sweep = message[1] == self._sweeps.name
+            if held is not None and (is_sweep or message[0] != held[0]):
+                yield held
+                held = None
+            if is_sweep:
+                held = message
+            else:
+                yield message
+        if held is not None:
+            yield held
 
     def _decoded(self, topic: Topic, log_s: float, data: bytes) -> Sequence[Reading]:
         try:

@@ -81,17 +81,22 @@ class McapRecords:
             self.index = self._summary(stream) or self._walked_index(stream)
 
     def messages(self, channels: frozenset[int]) -> Iterator[RawMessage]:
-        """The messages of these channels by their log time, as far as chunks do not overlap by more than the next."""
+        """The messages of these channels by their log time, as far as chunks do not overlap by more than the next.
+
+        Where a clock was set back all that comes before would have to wait; no more than `LARGEST_RECORD` bytes do.
+        """
         waiting: list[tuple[int, int, RawMessage]] = []
-        order = 0
+        order = size = 0
         with self._path.open("rb") as stream:
             for begins_ns, messages in self._groups(stream):
-                while waiting and waiting[0][0] < begins_ns:
-                    yield heapq.heappop(waiting)[2]
+                while waiting and (waiting[0][0] < begins_ns or size > LARGEST_RECORD):
+                    message = heapq.heappop(waiting)[2]
+                    size -= len(message.data)
+                    yield message
                 for message in messages:
                     if message.channel_id in channels:
                         heapq.heappush(waiting, (message.log_time_ns, order, message))
-                        order += 1
+                        order, size = order + 1, size + len(message.data)
         while waiting:
             yield heapq.heappop(waiting)[2]
 

@@ -21,6 +21,7 @@ from scipy.spatial.transform import Rotation
 from contract.geometry import LatLon
 from vehicle_client.frames import GeoOrigin, Matrix, rigid
 from vehicle_client.sources.carla_text import right_handed
+from vehicle_client.sources.checked_values import LEAST_SD_M
 from vehicle_client.sources.frame import SourceError
 
 Row = TypeVar("Row")
@@ -120,8 +121,9 @@ def parse_description(text: str, place: Path) -> Description:
 
 @dataclass(frozen=True, slots=True)
 class RecordedFix:
-    """A line of gnss.csv: the antenna's place."""
+    """A line of gnss.csv: the antenna's place, and the world's time."""
 
+    time_s: float
     position: LatLon
     altitude_m: float
     sd_m: float
@@ -147,17 +149,29 @@ class Timeline(Generic[Row]):
         index = bisect.bisect_right(self.rows, until + STAMP_RESOLUTION_S, key=_time) - 1
         return self.rows[index][1] if index >= 0 and _time(self.rows[index]) > after + STAMP_RESOLUTION_S else None
 
+    def between(self, after: float, until: float) -> Sequence[tuple[float, Row]]:
+        """The rows in (after, until], with their times."""
+        first, end = (bisect.bisect_right(self.rows, t + STAMP_RESOLUTION_S, key=_time) for t in (after, until))
+        return self.rows[first:end]
+
 
 def fix_of(row: dict[str, str]) -> tuple[float, RecordedFix]:
     """A row of gnss.csv, and its time."""
     position = LatLon(latitude_deg=_finite(row["latitude_deg"]), longitude_deg=_finite(row["longitude_deg"]))
     altitude_m, sd_m, altitude_sd_m = (_finite(row[name]) for name in ("altitude_m", "sd_m", "altitude_sd_m"))
-    return _finite(row["time_s"]), RecordedFix(position, altitude_m, sd_m, altitude_sd_m)
+    time_s = _finite(row["time_s"])
+    sds = (max(sd_m, LEAST_SD_M), max(altitude_sd_m, LEAST_SD_M))
+    return time_s, RecordedFix(time_s, position, altitude_m, *sds)
 
 
 def compass_of(row: dict[str, str]) -> tuple[float, float]:
     """The heading in a row of imu.csv, radians clockwise from north, and its time."""
     return _finite(row["time_s"]), _finite(row["compass_rad"])
+
+
+def yaw_rate_of(row: dict[str, str]) -> tuple[float, float]:
+    """The yaw rate in a row of imu.csv, rad/s to the left, and its time."""
+    return _finite(row["time_s"]), _finite(row["gyroscope_z_radps"])
 
 
 def odometry_of(row: dict[str, str]) -> tuple[int, RecordedOdometry]:

@@ -99,14 +99,31 @@ def test_steering_stays_until_it_is_said_anew() -> None:
     assert [f.steering_rad for f in frames] == [0.1, 0.1, -0.1]
 
 
-@given(st.floats(-0.2, 0.2), st.floats(-0.5, 0.5), st.floats(0.01, 0.1))
-def test_a_pose_between_or_after_two_lies_on_their_motion(after_s: float, turn: float, period_s: float) -> None:
-    first, last = (rigid(rotation_about_z(i * turn), np.array([i * 1.0, 2.0, 0.0])) for i in (0, 1))
-    poses = (Odometry(START_S, first), Odometry(START_S + period_s, last))
-    found = pose_at(poses, START_S + period_s + after_s)
-    share = 1 + after_s / period_s
-    assert found[:3, 3] == pytest.approx([share, 2.0, 0.0], abs=1e-4)
-    assert math.remainder(yaw_of(found) - share * turn, 2 * math.pi) == pytest.approx(0, abs=1e-4)
+@given(st.floats(-0.2, 0.2), st.floats(-3, 3), st.floats(0.005, 0.1))
+def test_a_pose_between_or_after_others_lies_on_their_motion(after_s: float, rate: float, period_s: float) -> None:
+    """A car at 10 m/s that turns about its own z."""
+    poses = []
+    for index in range(60):
+        time_s = index * period_s
+        pose = rigid(rotation_about_z(rate * time_s), np.array([10 * time_s, 2.0, 0.0]))
+        poses.append(Odometry(START_S + time_s, pose))
+    last_s = 59 * period_s
+    found = pose_at(poses, START_S + last_s + after_s)
+    assert found[:3, 3] == pytest.approx([10 * (last_s + after_s), 2.0, 0.0], abs=1e-4)
+    assert math.remainder(yaw_of(found) - rate * (last_s + after_s), 2 * math.pi) == pytest.approx(0, abs=1e-4)
+
+
+@pytest.mark.parametrize("period_s", [0.005, 0.02, 0.1])
+def test_noise_of_poses_is_hardly_larger_where_they_are_carried_on(period_s: float) -> None:
+    rng = np.random.default_rng(4)
+    errors = []
+    for _ in range(200):
+        noisy = [
+            Odometry(START_S + i * period_s, rigid(np.eye(3), np.array([rng.normal(0, 0.001), 0.0, 0.0])))
+            for i in range(30)
+        ]
+        errors.append(pose_at(noisy, noisy[-1].stamp_s + 0.1)[0, 3])
+    assert np.std(errors) < 0.005
 
 
 def test_a_pose_that_is_too_old_is_none() -> None:
