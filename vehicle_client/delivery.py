@@ -25,6 +25,12 @@ STOPPED_S = 300.0
 ANSWER_WITHIN_S = 60.0
 """A mebibyte takes 24 s at 350 kbit/s, the edge of mobile coverage; the server cuts bodies off after 30 s."""
 
+FRUITLESS_AT_ONCE = 20
+"""Requests in a row without a report taken that go without a wait: more than it takes to find the one that is not."""
+
+DROPPED_IN_ROW = 3
+"""Reports dropped on the word of a server that takes none: a server of another version must not empty the outbox."""
+
 _SET_ASIDE_MOST = 1_000
 _JSON = {"content-type": "application/json", "accept-encoding": "identity"}
 
@@ -45,7 +51,7 @@ class Deliverer:
         self._most = self._ceiling = MAX_REPORTS
         self._suspects: frozenset[UUID] = frozenset()
         self._aside: dict[UUID, tuple[int, float]] = {}
-        self._failures = 0
+        self._failures = self._fruitless = self._dropped = 0
         self._next_s = self._asked_s = clock()
         self.refusal: str | None = None
         """Why the server takes nothing of this vehicle before somebody does something; None while it does."""
@@ -106,14 +112,16 @@ class Deliverer:
             case Halve(reason):
                 _LOG.info("a batch of %d is not taken, halving it: %s", len(sent), reason)
                 self._suspects, self._most = frozenset(sent), len(sent) // 2
-            case Drop(reason):
+                self._was_fruitless(reason)
+            case Drop(reason) if self._dropped < DROPPED_IN_ROW:
                 self._outbox.drop(sent[0], reason)
                 self._aside.pop(sent[0], None)
-                self._goes_well()
-            case SetAside(reason):
-                _LOG.warning("the server fails on report %s: %s", sent[0], reason)
+                self._dropped += 1
+                self._was_fruitless(reason)
+            case Drop(reason) | SetAside(reason):
+                _LOG.warning("report %s is set aside: %s", sent[0], reason)
                 self._put_aside(sent[0])
-                self._goes_well()
+                self._was_fruitless(reason)
             case Retry(reason, after_s, fewer):
                 _LOG.info("the server is to be asked again: %s", reason)
                 if fewer:
@@ -127,10 +135,18 @@ class Deliverer:
         if self.refusal is not None:
             _LOG.warning("the server takes reports again")
         self.refusal = None
-        self._failures = 0
+        self._failures = self._fruitless = self._dropped = 0
         # As TCP's slow start and its threshold: what a slow link did not carry is approached by one report at a time.
         self._ceiling = min(self._ceiling + 1, MAX_REPORTS)
         self._most = min(2 * self._most, self._ceiling)
+
+    def _was_fruitless(self, reason: str) -> None:
+        """The server has read a request, and taken nothing of it."""
+        self._fruitless += 1
+        if self._fruitless > FRUITLESS_AT_ONCE:
+            self._say_refusal(f"every report is refused: {reason}")
+            wait_s = delay_s(self._fruitless - FRUITLESS_AT_ONCE, self._jitter.random())
+            self._next_s = self._asked_s = self._clock() + wait_s
 
     def _wait(self, after_s: float | None) -> None:
         self._failures += 1
@@ -139,10 +155,13 @@ class Deliverer:
         self._asked_s = now_s if after_s is None else self._next_s
 
     def _refused(self, reason: str) -> None:
-        if reason != self.refusal:
+        self._say_refusal(reason)
+        self._next_s = self._asked_s = self._clock() + STOPPED_S * (1 + self._jitter.random() / 10)
+
+    def _say_refusal(self, reason: str) -> None:
+        if self.refusal is None:
             _LOG.error("the server takes no reports of this vehicle, they are kept: %s", reason)
         self.refusal = reason
-        self._next_s = self._asked_s = self._clock() + STOPPED_S * (1 + self._jitter.random() / 10)
 
     def _put_aside(self, report_id: UUID) -> None:
         failures = self._aside.pop(report_id, (0, 0.0))[0] + 1

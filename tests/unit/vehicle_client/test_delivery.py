@@ -25,7 +25,7 @@ from tests.unit.vehicle_client.outbox_making import (
     reports,
 )
 from vehicle_client.back_off import GREATEST_S
-from vehicle_client.delivery import STOPPED_S, Deliverer
+from vehicle_client.delivery import DROPPED_IN_ROW, STOPPED_S, Deliverer
 from vehicle_client.outbox import Outbox
 
 
@@ -241,6 +241,59 @@ def test_a_report_that_the_server_fails_on_holds_up_no_other(outbox: Outbox) -> 
     server.handler = accepting
     clock.now_s += GREATEST_S
     assert [r.report_id for r in sender.deliver()] == [sent[0].report_id]
+
+
+def drive_for(sender: Deliverer, clock: Clock, seconds: int) -> None:
+    for _ in range(seconds):
+        sender.deliver()
+        clock.now_s += 1
+
+
+def test_a_server_that_fails_on_everything_is_not_run_over_and_costs_nothing(outbox: Outbox) -> None:
+    clock = Clock()
+    filled(outbox, 150)
+    server = Server(saying(problem(500, "internal")))
+    sender = deliverer(outbox, server, clock)
+    drive_for(sender, clock, 3600)
+    assert len(server.sizes) < 150
+    assert outbox.waiting == 150
+    assert "every report is refused: 500" in str(sender.refusal)
+    server.handler = accepting
+    drive_for(sender, clock, 180)
+    assert (outbox.waiting, sender.refusal) == (0, None)
+
+
+def test_a_server_of_another_version_does_not_empty_the_outbox(outbox: Outbox) -> None:
+    clock = Clock()
+    filled(outbox, 150)
+    server = Server(saying(problem(422, "invalid")))
+    sender = deliverer(outbox, server, clock)
+    drive_for(sender, clock, 3600)
+    assert outbox.counts == {"refused": DROPPED_IN_ROW}
+    assert len(server.sizes) < 150
+    server.handler = accepting
+    drive_for(sender, clock, 180)
+    assert outbox.counts == {"refused": DROPPED_IN_ROW, "accepted": 150 - DROPPED_IN_ROW}
+
+
+def test_many_poison_reports_are_all_dropped_and_hold_up_no_other(outbox: Outbox) -> None:
+    clock = Clock()
+    sent = filled(outbox, 40)
+    poison = set(ids(sent[:12]))
+
+    def taking_none_of_them(request: httpx.Request) -> httpx.Response:
+        batch = batch_in(request)
+        return problem(422, "invalid") if poison & {r.report_id for r in batch.reports} else all_accepted(batch)
+
+    sender = deliverer(outbox, taking_none_of_them, clock)
+    drive_for(sender, clock, 120)
+    assert outbox.counts["accepted"] == 28
+    # The last ones wait for a server that takes something.
+    more = reports(20, first=100)
+    for report in more:
+        outbox.put(report)
+        drive_for(sender, clock, 60)
+    assert outbox.counts == {"accepted": 48, "refused": 12}
 
 
 def test_what_is_too_large_for_a_slow_link_goes_in_smaller_batches(outbox: Outbox) -> None:
