@@ -1,11 +1,14 @@
 """One vehicle, read from one file: a frame comes in, and pose, obstacles, reports, alerts and picture come out.
 
-source -> pose -> detect -> accumulate -> track -> hear -> watch -> report -> alert -> compose -> draw
+source -> prepare -> detect -> pose -> accumulate -> track -> hear -> watch -> measure -> report -> alert -> compose ->
+draw
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections import OrderedDict
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from uuid import UUID, uuid4
 
 import numpy as np
@@ -14,21 +17,27 @@ from contract.observation import MAX_DETECTIONS, MAX_INSPECTIONS, ObservationRep
 from contract.obstacle import ObstacleFeature
 from detector.accumulator import Accumulator, accumulate, hits_around
 from detector.inspection import PlaceVerdict, inspect
+from detector.over_frames import detect_over_frames
 from detector.pipeline import detect
 from detector.shape import measure
 from detector.types import DetectedObstacle, DetectorInput, FrameDetection, PointClass
-from vehicle_client import alerts, obstacle_map, pose, reporting, tracking, watching
+from vehicle_client import alerts, moments, obstacle_map, pose, reporting, tracking, watching
 from vehicle_client.alerts import Alerts
-from vehicle_client.alignment import Alignment, align
+from vehicle_client.alignment import UNALIGNED, Alignment, align
 from vehicle_client.ar.scene import Scene, compose
 from vehicle_client.area import Heard
 from vehicle_client.calibration import CameraCalibration, VehicleCalibration, curvature_of
-from vehicle_client.frames import Matrix, apply
+from vehicle_client.frames import Matrix, apply, inverse
 from vehicle_client.link import Link
+from vehicle_client.moments import Due
 from vehicle_client.obstacle_map import ObstacleMap
-from vehicle_client.pose import Pose
+from vehicle_client.pose import Pose, PoseFilter
 from vehicle_client.sources.frame import LidarFrame
 from vehicle_client.tracking import Track, Tracks
+
+MOST_WAITING = 1_000
+"""Reports of which the drive remembers what they said until they are answered: without network for hours they are in
+the outbox all the same, and answered to nobody here."""
 
 HEAR_EVERY_S = 1.0
 """How often the car says where it is, and sends again what was not answered: at 130 km/h the area moves by 36 m of its
@@ -44,103 +53,177 @@ class Answer:
 
 
 @dataclass(frozen=True, slots=True)
+class Measured:
+    """An obstacle in `odom` as it was measured when its moment had come, and whether that went into a report."""
+
+    due: Due
+    obstacle: DetectedObstacle
+    is_told: bool
+
+
+@dataclass(frozen=True, slots=True)
 class Step:
-    """All that one frame brought: for the driver, for a recording, for whoever wants to understand a drive."""
+    """All that one frame brought: for the driver, for a recording, for whoever wants to understand a drive.
+
+    `reason` says why there is no pose that anything is reported or shown with, None when there is one. `detection` is
+    of the sweep alone, `found` what the last sweeps show together, in `sensor`.
+    """
 
     frame: LidarFrame
     pose: Pose | None
+    reason: str | None
     detection: FrameDetection
+    found: tuple[DetectedObstacle, ...]
     tracks: tuple[Track, ...]
+    measured: tuple[Measured, ...]
     known: ObstacleMap
     alerts: Alerts
-    told: tuple[Heard, ...]
-    answers: tuple[Answer, ...]
+    told: tuple[Heard, ...] = ()
+    reports: tuple[ObservationReport, ...] = ()
+    answers: tuple[Answer, ...] = ()
 
 
 class Vehicle:
     """A vehicle on a drive. The state is values; `step` folds one frame into them and talks to the server."""
 
     def __init__(
-        self, calibration: VehicleCalibration, link: Link, *, pseudonym: str, known: ObstacleMap | None = None
+        self,
+        calibration: VehicleCalibration,
+        link: Link,
+        *,
+        pseudonym: str,
+        known: ObstacleMap | None = None,
+        pose_filter: PoseFilter | None = None,
     ) -> None:
         self._calibration = calibration
         self._link = link
         self._pseudonym = pseudonym
-        self._pose_filter = pose.PoseFilter()
+        self._pose_filter = pose_filter or PoseFilter()
         self._accumulator = Accumulator()
         self._tracks = Tracks()
-        self._known = ObstacleMap() if known is None else known
+        self._known = known or ObstacleMap()
         self._watches = watching.NO_WATCHES
         self._sighted: frozenset[UUID] = frozenset()
         self._alerts = Alerts()
         self._heard_s = -np.inf
-        self._waiting: dict[UUID, ObservationReport] = {}
+        self._waiting: OrderedDict[UUID, ObservationReport] = OrderedDict()
 
     @property
     def waiting(self) -> int:
-        """Reports of this drive that the server has not answered yet."""
+        """Reports of this drive that the server has not answered yet, of the last `MOST_WAITING`."""
         return len(self._waiting)
 
+    @property
+    def known(self) -> ObstacleMap:
+        """What the server said, to be kept for the next drive."""
+        return self._known
+
     def step(self, frame: LidarFrame) -> Step:
-        """Take one frame in. Without a pose obstacles are detected, but nothing is reported or shown."""
-        self._pose_filter, found = pose.update(self._pose_filter, frame)
-        here = found.pose if found.reason is None else None
+        """Take one frame in. Without a pose obstacles are found and measured, but nothing is reported or shown.
+
+        Raises `DetectorError` for points that cannot be a sweep in metres; the state is then as before.
+        """
         sweep = detector_input(frame, self._calibration)
         detection = detect(sweep)
-        if here is None or sweep.odom_from_sensor is None:
-            return Step(frame, None, detection, (), self._known, Alerts(fresh=False), (), ())
-        self._accumulator = accumulate(self._accumulator, sweep, detection)
-        self._tracks = tracking.update(self._tracks, detection.obstacles, sweep.odom_from_sensor, frame.stamp_s)
+        self._pose_filter, placed = pose.update(self._pose_filter, frame)
+        here = placed.pose if placed.reason is None else None
+        found = self._found(sweep, detection, frame.stamp_s)
+        if here is None:
+            measured = self._measured(None, sweep, UNALIGNED, at_end=False)
+            tracks, shown = self._tracks.tracks, Alerts(fresh=False)
+            return Step(frame, None, placed.reason, detection, found, tracks, measured, self._known, shown)
         told, answered = self._exchange(here)
-        self._watches = watching.watch(self._watches, self._known, here)
-        answers = answered + self._report(here, at_end=False)
-        self._alerts = alerts.choose(
-            self._alerts, self._known, self._tracks.tracks, here, here.stamp_s, self._alignment(here)
-        )
-        return Step(frame, here, detection, self._tracks.tracks, self._known, self._alerts, told, answers)
+        self._watches = watching.watch(self._watches, self._known, here, self._sighted)
+        alignment = self._alignment(here)
+        measured = self._measured(here, sweep, alignment, at_end=False)
+        reports = self._reports(here, alignment, measured, at_end=False)
+        answers = answered + (self._deliver() if reports else ())
+        self._alerts = alerts.choose(self._alerts, self._known, self._tracks.tracks, here, here.stamp_s, alignment)
+        tracks, shown = self._tracks.tracks, self._alerts
+        return Step(frame, here, None, detection, found, tracks, measured, self._known, shown, told, reports, answers)
 
-    def finish(self, last: Step) -> tuple[Answer, ...]:
-        """End the drive: report what was not yet passed by far enough, and hear the answers."""
-        if last.pose is None:
-            return ()
-        answers: tuple[Answer, ...] = ()
-        while any(self._due(last.pose, at_end=True)):
-            answers += self._report(last.pose, at_end=True)
-        return answers + self._deliver()
+    def finish(self, last: Step) -> Step:
+        """End the drive: measure and report what was not yet passed by far enough, and hear the answers."""
+        sweep, here = detector_input(last.frame, self._calibration), last.pose
+        alignment = UNALIGNED if here is None else self._alignment(here)
+        measured: tuple[Measured, ...] = ()
+        reports: tuple[ObservationReport, ...] = ()
+        while True:
+            more = self._measured(here, sweep, alignment, at_end=True)
+            put = () if here is None else self._reports(here, alignment, more, at_end=True)
+            if not more and not put:
+                break
+            measured, reports = measured + more, reports + put
+        answers = self._deliver()
+        return replace(last, measured=measured, reports=reports, answers=answers, told=())
+
+    def _found(self, sweep: DetectorInput, detection: FrameDetection, stamp_s: float) -> tuple[DetectedObstacle, ...]:
+        """What the last sweeps show together, taken into the tracks; without odometry what this one shows."""
+        if sweep.odom_from_sensor is None:
+            return detection.obstacles
+        self._accumulator = accumulate(self._accumulator, sweep, detection)
+        has_road = detection.corridor is not None
+        found = detect_over_frames(self._accumulator, sweep, detection) if has_road else ()
+        self._tracks = tracking.update(self._tracks, found, sweep.odom_from_sensor, stamp_s)
+        return found
 
     def _exchange(self, here: Pose) -> tuple[tuple[Heard, ...], tuple[Answer, ...]]:
         """Hear the server and send it what waits, also from an earlier drive, once in a while."""
         if here.stamp_s - self._heard_s < HEAR_EVERY_S:
             return (), ()
         self._heard_s = here.stamp_s
-        return self._hear(here), self._deliver()
-
-    def _hear(self, here: Pose) -> tuple[Heard, ...]:
+        # First the answers: what this pass has created is then known as its own when the server tells of it.
+        answers = self._deliver()
         told = tuple(self._link.hear(here.position))
         for message in told:
             self._known = obstacle_map.apply(self._known, message, here.stamp_s)
         self._known = obstacle_map.around(self._known, here.position, here.stamp_s)
-        return told
+        self._sighted = frozenset(i for i in self._sighted if i in self._known.obstacles)
+        return told, answers
 
-    def _due(self, here: Pose, *, at_end: bool) -> tuple[list[Track], list[ObstacleFeature]]:
-        """What is to be reported now, at most one report full; the rest waits for the next frame."""
-        passed = reporting.due_tracks(self._tracks, here, at_end=at_end)
-        inspected = watching.due(self._watches, here, at_end=at_end)
-        return passed[:MAX_DETECTIONS], inspected[:MAX_INSPECTIONS]
+    def _measured(
+        self, here: Pose | None, sweep: DetectorInput, alignment: Alignment, *, at_end: bool
+    ) -> tuple[Measured, ...]:
+        """The obstacles whose moment has come, at most one report full; the rest waits for the next frame."""
+        if sweep.odom_from_sensor is None:
+            return ()
+        odom_from_vehicle = sweep.odom_from_sensor @ inverse(self._calibration.vehicle_from_sensor)
+        known = self._known_tracks(here, alignment)
+        comes = moments.due(self._tracks.tracks, known, odom_from_vehicle, is_placed=here is not None, at_end=at_end)
+        measured = []
+        for due in comes[:MAX_DETECTIONS]:
+            hits = hits_around(self._accumulator, due.track.centre_odom_m[:2])
+            obstacle = measure(hits, due.track.is_negative)
+            is_told = here is not None and obstacle is not None and moments.is_to_be_told(due, obstacle)
+            self._tracks = self._tracks.with_track(moments.after(due, obstacle if is_told else None))
+            if obstacle is not None:
+                measured.append(Measured(due, obstacle, is_told))
+        return tuple(measured)
 
-    def _report(self, here: Pose, *, at_end: bool) -> tuple[Answer, ...]:
-        passed, inspected = self._due(here, at_end=at_end)
-        measured = [shape for t in passed if (shape := self._measure(t)) is not None]
-        verdicts = self._inspect(inspected, here)
-        self._tracks = self._tracks.marked_reported([t.track_id for t in passed])
+    def _known_tracks(self, here: Pose | None, alignment: Alignment) -> frozenset[int]:
+        if here is None:
+            return frozenset()
+        watched = [w.feature for w in self._watches.values()]
+        return moments.known_tracks(self._tracks.tracks, watched, here, alignment)
+
+    def _reports(
+        self, here: Pose, alignment: Alignment, measured: Sequence[Measured], *, at_end: bool
+    ) -> tuple[ObservationReport, ...]:
+        """Put what is to be told of obstacles and known places into the outbox, as one report."""
+        inspected = watching.due(self._watches, here, at_end=at_end)[:MAX_INSPECTIONS]
+        verdicts = self._inspect(inspected, here, alignment)
         self._watches = watching.marked_inspected(self._watches, [f.id for f in inspected])
-        if measured or verdicts:
-            report = reporting.compose_report(
-                uuid4(), here, measured, verdicts, pseudonym=self._pseudonym, sensor=self._calibration.sensor
-            )
-            self._waiting[report.report_id] = report
-            self._link.put(report)
-        return self._deliver() if measured or verdicts else ()
+        told = [m.obstacle for m in measured if m.is_told]
+        if not told and not verdicts:
+            return ()
+        report = reporting.compose_report(
+            uuid4(), here, told, verdicts, pseudonym=self._pseudonym, sensor=self._calibration.sensor
+        )
+        self._waiting[report.report_id] = report
+        if len(self._waiting) > MOST_WAITING:
+            self._waiting.popitem(last=False)
+        self._link.put(report)
+        return (report,)
 
     def _deliver(self) -> tuple[Answer, ...]:
         results = self._link.deliver()
@@ -152,11 +235,9 @@ class Vehicle:
     def _alignment(self, here: Pose) -> Alignment:
         return align([w.feature for w in self._watches.values()], self._tracks.tracks, here)
 
-    def _measure(self, track: Track) -> DetectedObstacle | None:
-        return measure(hits_around(self._accumulator, track.centre_odom_m[:2]), track.is_negative)
-
-    def _inspect(self, features: list[ObstacleFeature], here: Pose) -> list[tuple[UUID, PlaceVerdict]]:
-        alignment = self._alignment(here)
+    def _inspect(
+        self, features: list[ObstacleFeature], here: Pose, alignment: Alignment
+    ) -> list[tuple[UUID, PlaceVerdict]]:
         verdicts = []
         for feature in features:
             place = reporting.known_place(feature, here, alignment)
@@ -167,8 +248,10 @@ class Vehicle:
 
 
 def detector_input(frame: LidarFrame, calibration: VehicleCalibration) -> DetectorInput:
-    """A frame as the detector takes it."""
+    """A frame as the detector takes it. Odometry that is not finite counts as none."""
     odom_from_vehicle = frame.odom_from_vehicle
+    if odom_from_vehicle is not None and not np.isfinite(odom_from_vehicle).all():
+        odom_from_vehicle = None
     return DetectorInput(
         points_m=frame.points_m,
         sensor_height_m=calibration.sensor_height_m,

@@ -26,25 +26,9 @@ from vehicle_client.alignment import Alignment
 from vehicle_client.frames import GeoOrigin, apply, axis_yaw, inverse, yaw_of
 from vehicle_client.obstacle_map import stored_sd_m
 from vehicle_client.pose import Pose
-from vehicle_client.tracking import Track, Tracks
 
 ESTIMATOR = "ray-contour:2"
 """Name and version of the estimator of `detector.shape`; the server compares only what was measured alike."""
-
-PASSED_M = 12.0
-"""An obstacle this far behind has been seen from both sides: hits beyond 12 m no longer sharpen its box."""
-
-
-def due_tracks(tracks: Tracks, pose: Pose, *, at_end: bool) -> list[Track]:
-    """Believed, unreported tracks that the car has passed (at the end of a drive: all that remain)."""
-    vehicle_from_odom = inverse(pose.odom_from_vehicle)
-    return [
-        t
-        for t in tracks.tracks
-        if t.confirmed
-        and not t.reported
-        and (at_end or float(apply(vehicle_from_odom, t.centre_odom_m)[0]) < -PASSED_M)
-    ]
 
 
 def known_place(feature: ObstacleFeature, pose: Pose, alignment: Alignment) -> KnownPlace:

@@ -16,6 +16,13 @@ GATE_M = 1.2
 CONFIRMED_AFTER = 3
 """Sightings that make a track believed; a single frame's false cluster does not repeat in `odom`."""
 
+STATIC_M = 1.0
+"""Farther than this no centre wanders by seeing more of the obstacle as the car comes nearer; whoever walks across a
+street does so in a second."""
+
+AVERAGED = 3
+"""Centres that are averaged at either end before they are compared."""
+
 FORGET_M = 40.0
 """Tracks this far behind the car are dropped: nothing there is measured any more."""
 
@@ -36,7 +43,18 @@ class Track:
     first_stamp_s: float
     first_range_m: float
     last_stamp_s: float
-    reported: bool = False
+    first_m: tuple[Vector, ...]
+    """The first centres (2,), as they were detected."""
+    latest_m: tuple[Vector, ...]
+    """The latest ones."""
+    was_approached: bool = False
+    """Whether it was measured as it was about to be passed."""
+    was_passed: bool = False
+    """Whether it was measured after it was passed, or at the end."""
+    reports: int = 0
+    """How often it was told in this pass."""
+    told: DetectedObstacle | None = None
+    """As it was told last."""
 
     @property
     def kind(self) -> ObstacleKind:
@@ -50,6 +68,14 @@ class Track:
         """Whether it was seen often enough to be believed."""
         return self.sightings >= CONFIRMED_AFTER
 
+    @property
+    def is_static(self) -> bool:
+        """Whether it stands where it was first seen: what moves is no obstacle of the road."""
+        # What drives away from its track is seen three times: then the first centre is held against the last.
+        number = max(1, min(AVERAGED, self.sightings // 2))
+        moved_m = np.mean(self.latest_m[-number:], axis=0) - np.mean(self.first_m[:number], axis=0)
+        return float(np.linalg.norm(moved_m)) <= STATIC_M
+
 
 @dataclass(frozen=True, slots=True)
 class Tracks:
@@ -58,10 +84,9 @@ class Tracks:
     tracks: tuple[Track, ...] = ()
     next_id: int = 1
 
-    def marked_reported(self, track_ids: Sequence[int]) -> Tracks:
-        """The same tracks, with those of `track_ids` marked as reported."""
-        chosen = set(track_ids)
-        return replace(self, tracks=tuple(replace(t, reported=t.reported or t.track_id in chosen) for t in self.tracks))
+    def with_track(self, track: Track) -> Tracks:
+        """The same tracks, with one in a new value."""
+        return replace(self, tracks=tuple(track if t.track_id == track.track_id else t for t in self.tracks))
 
 
 def update(state: Tracks, detected: Sequence[DetectedObstacle], odom_from_sensor: Matrix, stamp_s: float) -> Tracks:
@@ -110,6 +135,8 @@ def _begun(
         first_stamp_s=stamp_s,
         first_range_m=float(np.hypot(obstacle.centre_m[0], obstacle.centre_m[1])),
         last_stamp_s=stamp_s,
+        first_m=(centre[:2],),
+        latest_m=(centre[:2],),
     )
 
 
@@ -127,6 +154,8 @@ def _joined(
         yaw_rad=_yaw_in_odom(obstacle, odom_from_sensor),
         sightings=track.sightings + 1,
         last_stamp_s=stamp_s,
+        first_m=(*track.first_m, centre[:2])[:AVERAGED],
+        latest_m=(*track.latest_m, centre[:2])[-AVERAGED:],
     )
 
 

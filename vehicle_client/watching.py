@@ -40,12 +40,15 @@ Watches = Mapping[UUID, Watch]
 NO_WATCHES: Watches = MappingProxyType({})
 
 
-def watch(watches: Watches, known: ObstacleMap, pose: Pose) -> Watches:
-    """Add what lies ahead within range; drop what the server removed and what is far behind."""
+def watch(watches: Watches, known: ObstacleMap, pose: Pose, own: Collection[UUID] = ()) -> Watches:
+    """Add what lies ahead within range; drop what the server removed and what is far behind.
+
+    `own` are obstacles that this pass has told the server of: they were not known before it.
+    """
     near = {
         obstacle_id: Watch(entry.feature)
         for obstacle_id, entry in known.obstacles.items()
-        if _is_approached(place_in_vehicle(entry.feature, pose))
+        if obstacle_id not in own and _is_approached(place_in_vehicle(entry.feature, pose))
     }
     kept = {
         obstacle_id: entry

@@ -148,7 +148,7 @@ def _drive(act: Act, stage: Stage, key: str, seed: int) -> DriveRecord:
             step = vehicle.step(frame)
             _keep(act, stage, record, step, source.moment, world)
         if step is not None:
-            record.note_answers(vehicle.finish(step))
+            record.note_answers(vehicle.finish(step).answers)
     stage.server.ensure_alive()
     if vehicle.waiting:
         raise DemoError(f"the server left {vehicle.waiting} report(s) of {act.car} unanswered; its log says why")

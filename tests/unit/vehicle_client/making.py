@@ -143,9 +143,9 @@ def track_at(
     *,
     kind: ObstacleKind = ObstacleKind.POTHOLE,
     sightings: int = 3,
-    reported: bool = False,
+    moved_m: float = 0.0,
 ) -> Track:
-    """A track at a place of `odom`."""
+    """A track at a place of `odom`, which it has come to from `moved_m` away."""
     return Track(
         track_id=track_id,
         centre_odom_m=np.array([x_m, y_m, 0.0]),
@@ -159,5 +159,6 @@ def track_at(
         first_stamp_s=0.0,
         first_range_m=20.0,
         last_stamp_s=1.0,
-        reported=reported,
+        first_m=(np.array([x_m - moved_m, y_m]),),
+        latest_m=(np.array([x_m, y_m]),),
     )

@@ -66,6 +66,7 @@ def test_without_a_pose_obstacles_are_detected_but_nothing_is_said_or_shown(lost
     link = HeldLink()
     step = Vehicle(CALIBRATION, link, pseudonym="car").step(replace(frame_at(0.0, 0.0), **lost))
     assert step.pose is None
+    assert step.reason is not None
     assert len(step.detection.labels) == len(flat_road())
     assert step.alerts.hazards == ()
     assert not step.alerts.fresh
@@ -76,7 +77,8 @@ def test_without_a_pose_obstacles_are_detected_but_nothing_is_said_or_shown(lost
 def test_a_sound_road_brings_no_report() -> None:
     link = HeldLink()
     vehicle = Vehicle(CALIBRATION, link, pseudonym="car")
-    assert vehicle.finish(driven(vehicle)) == ()
+    end = vehicle.finish(driven(vehicle))
+    assert (end.measured, end.reports, end.answers) == ((), (), ())
     assert link.reports == []
 
 

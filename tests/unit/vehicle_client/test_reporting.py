@@ -15,18 +15,11 @@ from contract.geometry import Kind, LatLon
 from contract.observation import Detection, ObservationReport
 from detector.inspection import PlaceVerdict
 from detector.types import DetectedObstacle, ObstacleKind
-from tests.unit.vehicle_client.making import NOON, ORIGIN, PATRAS, feature, planar, pose_at, seen, track_at
+from tests.unit.vehicle_client.making import NOON, ORIGIN, PATRAS, feature, planar, pose_at, seen
 from vehicle_client.alignment import Alignment
 from vehicle_client.frames import GeoOrigin, apply, rotation_about_z
 from vehicle_client.pose import Pose
-from vehicle_client.reporting import (
-    PASSED_M,
-    compose_report,
-    detection_of,
-    due_tracks,
-    known_place,
-)
-from vehicle_client.tracking import Tracks
+from vehicle_client.reporting import compose_report, detection_of, known_place
 
 angles = st.floats(-math.pi, math.pi)
 
@@ -151,22 +144,6 @@ def test_a_report_says_when_and_from_where_and_how_unsure() -> None:
         (3, "absent", 0.9),
         (4, "not_visible", 0.1),
     ]
-
-
-def test_tracks_are_due_once_they_are_believed_and_passed() -> None:
-    here = pose_at()
-    tracks = Tracks(
-        (
-            track_at(-PASSED_M - 0.1, 0, 1),
-            track_at(-PASSED_M + 0.1, 0, 2),
-            track_at(-20, 0, 3, sightings=2),
-            track_at(-20, 0, 4, reported=True),
-            track_at(15, 0, 5),
-        )
-    )
-    assert [t.track_id for t in due_tracks(tracks, here, at_end=False)] == [1]
-    assert [t.track_id for t in due_tracks(tracks, here, at_end=True)] == [1, 2, 5]
-    assert due_tracks(tracks.marked_reported([1, 2, 5]), here, at_end=True) == []
 
 
 def test_far_from_where_the_drive_began_up_is_the_car_s_own() -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -91,12 +92,27 @@ def test_a_detection_without_a_place_is_nothing() -> None:
     assert update(Tracks(), [seen(np.nan, 0)], np.eye(4), 1.0).tracks == ()
 
 
-def test_reported_is_remembered() -> None:
+@pytest.mark.parametrize("seed", range(5))
+def test_what_stands_is_static_however_its_centre_wanders(seed: int) -> None:
+    (track,) = approached([(20.0, 1.0, DEBRIS)], noise_m=0.3, seed=seed).tracks
+    assert track.is_static
+
+
+@given(st.floats(1.0, 40.0), st.booleans())
+def test_what_walks_or_drives_is_never_believed_to_stand(speed_mps: float, across: bool) -> None:
+    tracks = Tracks()
+    for number in range(20):
+        moved_m = speed_mps * number / 10
+        place = (20.0, -3.0 + moved_m) if across else (20.0 + moved_m, 0.0)
+        tracks = update(tracks, [seen(*place, DEBRIS)], planar(0.0, 0.0, 0.0), number / 10)
+    assert not [track for track in tracks.tracks if track.confirmed and track.is_static]
+
+
+def test_a_track_in_a_new_value_takes_the_old_one_s_place() -> None:
     tracks = approached([(20.0, 0.0, POTHOLE), (25.0, 0.0, POTHOLE)])
-    marked = tracks.marked_reported([2]).marked_reported([])
-    assert {track.track_id: track.reported for track in marked.tracks} == {1: False, 2: True}
+    marked = tracks.with_track(replace(tracks.tracks[1], was_passed=True))
     again = update(marked, [seen(10, 0)], planar(15.0, 0.0, 0.0), 9.0)
-    assert {track.track_id: track.reported for track in again.tracks} == {1: False, 2: True}
+    assert {track.track_id: track.was_passed for track in again.tracks} == {1: False, 2: True}
 
 
 sights = st.lists(st.builds(seen, st.floats(5, 12), st.floats(-3, 3), st.sampled_from(ObstacleKind)), max_size=8)

@@ -1,0 +1,137 @@
+"""Moments: what is new is told before it is passed, everything after, and again only when it differs."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import example, given
+from hypothesis import strategies as st
+
+from contract.geometry import Kind
+from detector.types import DetectedObstacle, ObstacleKind
+from tests.unit.vehicle_client.making import feature, pose_at, seen, track_at
+from vehicle_client.alignment import UNALIGNED, Alignment
+from vehicle_client.moments import (
+    ABOUT_TO_PASS_M,
+    GIVEN_UP_M,
+    GOOD_LN_AREA_SD,
+    KNOWN_M,
+    MOST_REPORTS,
+    PASSED_M,
+    Due,
+    Moment,
+    after,
+    due,
+    has_changed,
+    is_to_be_told,
+    known_tracks,
+)
+from vehicle_client.tracking import Track
+
+NOBODY_KNOWS: frozenset[int] = frozenset()
+
+
+def moments(
+    *tracks: Track, known: frozenset[int] = NOBODY_KNOWS, is_placed: bool = True, at_end: bool = False
+) -> dict[int, Moment]:
+    """Moments by track's number, for a car at odom's origin that looks along x."""
+    return {d.track.track_id: d.moment for d in due(tracks, known, np.eye(4), is_placed=is_placed, at_end=at_end)}
+
+
+def passes(track: Track, sizes_m: list[float], known: frozenset[int] = NOBODY_KNOWS) -> list[tuple[Moment, bool]]:
+    """What becomes of a track that the car drives past, a metre a frame, when it measures such lengths in turn."""
+    said, measured = [], iter(sizes_m)
+    for x_m in range(20, -20, -1):
+        track = replace(track, centre_odom_m=np.array([float(x_m), 0.0, 0.0]))
+        for item in due([track], known, np.eye(4), is_placed=True, at_end=False):
+            obstacle = seen(length_m=next(measured))
+            tells = is_to_be_told(item, obstacle)
+            track = after(item, obstacle if tells else None)
+            said.append((item.moment, tells))
+    return said
+
+
+def test_a_new_obstacle_is_told_before_it_is_passed_and_again_only_when_it_turns_out_different() -> None:
+    assert passes(track_at(20, 0), [0.9, 1.0]) == [(Moment.APPROACH, True), (Moment.PASSED, False)]
+    assert passes(track_at(20, 0), [0.9, 1.1]) == [(Moment.APPROACH, True), (Moment.PASSED, True)]
+
+
+def test_what_the_server_knows_is_told_once_after_it_was_passed() -> None:
+    assert passes(track_at(20, 0), [0.9], known=frozenset({1})) == [(Moment.PASSED, True)]
+
+
+def test_what_was_hardly_seen_from_the_front_waits_until_it_was_passed() -> None:
+    approach = Due(track_at(5, 0), Moment.APPROACH)
+    vague = replace(seen(), ln_area_sd=GOOD_LN_AREA_SD * 1.01)
+    assert not is_to_be_told(approach, vague)
+    later = Due(after(approach, None), Moment.PASSED)
+    assert later.track.was_approached
+    assert is_to_be_told(later, vague)
+
+
+def test_tracks_are_due_once_they_are_believed_and_near_or_passed() -> None:
+    tracks = (
+        track_at(-PASSED_M - 0.1, 0, 1),
+        replace(track_at(-PASSED_M + 0.1, 0, 2), was_approached=True),
+        track_at(-20, 0, 3, sightings=2),
+        replace(track_at(-20, 0, 4), was_passed=True, was_approached=True),
+        track_at(ABOUT_TO_PASS_M - 0.1, 0, 5),
+        track_at(ABOUT_TO_PASS_M + 0.1, 0, 6),
+        track_at(-20, 0, 7, moved_m=1.5),
+    )
+    assert moments(*tracks) == {1: Moment.PASSED, 5: Moment.APPROACH}
+    assert moments(*tracks, known=frozenset({1, 5})) == {1: Moment.PASSED}
+    assert moments(*tracks, at_end=True) == dict.fromkeys((1, 2, 5, 6), Moment.END)
+
+
+def test_without_a_place_in_the_world_an_obstacle_waits_for_one_as_long_as_its_hits_are_kept() -> None:
+    tracks = (track_at(5, 0, 1), track_at(-PASSED_M - 1, 0, 2), track_at(-GIVEN_UP_M - 0.1, 0, 3))
+    assert moments(*tracks, is_placed=False) == {3: Moment.PASSED}
+
+
+def test_no_obstacle_is_told_more_than_three_times_in_a_pass() -> None:
+    track = track_at(5, 0)
+    for _ in range(MOST_REPORTS):
+        track = after(Due(track, Moment.APPROACH), seen())
+    assert moments(replace(track, was_approached=False), at_end=True) == {}
+    assert moments(replace(track, was_approached=False)) == {}
+
+
+sizes = st.builds(seen, length_m=st.floats(0.2, 3), width_m=st.floats(0.2, 3))
+
+
+@given(sizes, sizes)
+def test_change_has_no_direction(a: DetectedObstacle, b: DetectedObstacle) -> None:
+    assert has_changed(a, b) is has_changed(b, a)
+    assert not has_changed(a, a)
+
+
+@given(sizes, st.floats(1.0, 2.0))
+@example(seen(), 1.149)
+@example(seen(), 1.151)
+def test_a_length_changes_by_more_than_fifteen_per_cent(a: DetectedObstacle, ratio: float) -> None:
+    assert has_changed(a, replace(a, length_m=a.length_m * ratio)) is (ratio > 1.15) or abs(ratio - 1.15) < 1e-9
+
+
+@pytest.mark.parametrize(("moved_m", "changed"), [(0.29, False), (0.31, True)])
+def test_a_place_changes_beyond_its_error(moved_m: float, changed: bool) -> None:
+    sharp = seen(covariance_m2=np.diag([1e-4, 1e-4]))
+    assert has_changed(sharp, replace(sharp, centre_m=sharp.centre_m + np.array([moved_m, 0, 0]))) is changed
+    vague = seen(covariance_m2=np.diag([0.02, 0.02]))
+    assert not has_changed(vague, replace(vague, centre_m=vague.centre_m + np.array([moved_m, 0, 0])))
+
+
+def test_a_track_is_known_when_the_map_has_an_obstacle_of_its_sign_there() -> None:
+    here = pose_at()
+    hole = feature(east_m=20.0)
+    tracks = [
+        track_at(20.0 + KNOWN_M - 0.1, 0, 1),
+        track_at(20.0 + KNOWN_M + 0.1, 0, 2),
+        track_at(20.0, 0, 3, kind=ObstacleKind.DEBRIS),
+    ]
+    assert hole.properties.kind is Kind.POTHOLE
+    assert known_tracks(tracks, [hole], here, UNALIGNED) == {1}
+    assert known_tracks(tracks, [hole], here, Alignment(np.array([0.5, 0.0]), 1)) == {1, 2}
+    assert known_tracks(tracks, [], here, UNALIGNED) == frozenset()
