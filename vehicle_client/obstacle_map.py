@@ -51,6 +51,12 @@ class KnownObstacle:
     feature: ObstacleFeature
     told_s: float
     unvouched_s: float | None = None
+    position: LatLon = field(init=False, compare=False)
+    """The feature's, which makes it anew at each call: a map is searched for places all the time."""
+
+    def __post_init__(self) -> None:
+        """Take the position out of the feature."""
+        object.__setattr__(self, "position", self.feature.position)
 
 
 Obstacles = Mapping[UUID, KnownObstacle]
@@ -81,7 +87,7 @@ def apply(known: ObstacleMap, message: Heard, now_s: float) -> ObstacleMap:
             told = {f.id: _newer(_entry(known, f.id), f, now_s) for f in features if not _is_gone(known, f)}
 
             def lies_outside(obstacle_id: UUID, entry: KnownObstacle) -> bool:
-                return obstacle_id not in told and not area.surely_holds(entry.feature.position)
+                return obstacle_id not in told and not area.surely_holds(entry.position)
 
             near = {i: _unvouched(e, before_s) for i, e in _within(known.obstacles, lies_outside).items()}
             return replace(
@@ -90,9 +96,7 @@ def apply(known: ObstacleMap, message: Heard, now_s: float) -> ObstacleMap:
                 remembered=_within(known.remembered, lies_outside),
             )
         case Reached(area=area):
-            there = _within(
-                known.obstacles, lambda _, e: e.unvouched_s is None or not area.surely_holds(e.feature.position)
-            )
+            there = _within(known.obstacles, lambda _, e: e.unvouched_s is None or not area.surely_holds(e.position))
             return replace(known, obstacles=there)
         case Appeared(obstacle=feature) | Updated(obstacle=feature):
             if _is_gone(known, feature):
@@ -118,7 +122,7 @@ def around(known: ObstacleMap, position: LatLon, now_s: float) -> ObstacleMap:
     if known.sorted_at is not None and distance_m(known.sorted_at, position) < SORTED_ANEW_M:
         return drop_expired(known, now_s)
     alive = _within({**known.remembered, **known.obstacles}, lambda _, entry: _is_alive(entry, now_s))
-    distances_m = {i: distance_m(position, entry.feature.position) for i, entry in alive.items()}
+    distances_m = {i: distance_m(position, entry.position) for i, entry in alive.items()}
     near = {i: entry for i, entry in alive.items() if distances_m[i] <= NEAR_M}
     far = sorted(alive.keys() - near.keys(), key=lambda i: (distances_m[i], i))
     return replace(
