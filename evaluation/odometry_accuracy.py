@@ -33,6 +33,9 @@ STREET_SEED = 3
 NEAR_M = 30.0
 """Obstacles are detected up to here."""
 
+BEGUN = 5
+"""Drives are measured from this sweep on: the first ones come from a car whose motion is not known, and stay bent."""
+
 
 @dataclass(frozen=True, slots=True)
 class Arc:
@@ -122,7 +125,7 @@ def at_one_moment(sweep: Sweep, sensor: Carried, end_s: float) -> FloatArray:
 
 @dataclass(frozen=True, slots=True)
 class MatchedDrive:
-    """Scan matching along a drive: poses (N, 4, 4) from the first on, true ones if known, and seconds a sweep (N,)."""
+    """Scan matching along a drive: poses (N, 4, 4), true ones if known, and seconds a sweep (N,)."""
 
     name: str
     poses: FloatArray
@@ -168,8 +171,8 @@ def matched(name: str, frames: Iterator[LidarFrame], vehicle_from_sensor: FloatA
         if found is not None:
             poses.append(found)
             truth.extend([] if frame.odom_from_vehicle is None else [frame.odom_from_vehicle])
-    known = inverse(truth[0]) @ np.stack(truth) if truth else None
-    return MatchedDrive(name, np.stack(poses), known, np.array(seconds))
+    known = inverse(truth[BEGUN]) @ np.stack(truth[BEGUN:]) if truth else None
+    return MatchedDrive(name, inverse(poses[BEGUN]) @ np.stack(poses[BEGUN:]), known, np.array(seconds))
 
 
 def simulated_sweeps(way_m: float, speed_mps: float, seed: int, *, times: bool) -> Iterator[LidarFrame]:

@@ -116,7 +116,7 @@ def _fix_errors(drive: PoseDrive, stamps_s: FloatArray) -> tuple[FloatArray, Flo
     """Stamps (F,) of the fixes and their errors (F, 2), as they are stamped."""
     fixes = [(frame.stamp_s, frame.gnss) for frame in drive.frames if frame.gnss is not None]
     times = np.array([stamp if fix.stamp_s is None else fix.stamp_s for stamp, fix in fixes])
-    places = np.array([drive.origin.enu(fix.position, fix.altitude_m)[:2] for _, fix in fixes])
+    places = np.array([drive.origin.enu(fix.position, fix.altitude_m)[:2] for _, fix in fixes]).reshape(-1, 2)
     truth = np.stack([np.interp(times, stamps_s, drive.place_m[:, axis]) for axis in range(2)], axis=1)
     return times, places - truth
 

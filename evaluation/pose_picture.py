@@ -78,7 +78,7 @@ def _draw_error(axes: Axes, city: tuple[PoseDrive, PoseTrace] | None) -> None:
 
 
 def _draw_track(axes: Axes, loops: tuple[PoseDrive, PoseTrace] | None) -> None:
-    _title(axes, "Recorded loops, 3.7 km: fixes at 1 Hz, odometry that drifts; 95 % ellipses ten times enlarged")
+    _title(axes, "Recorded loops, a fix a second: 95 % ellipses, ten times enlarged")
     if loops is None:
         axes.text(0.5, 0.5, "no data", ha="center", color=SOFT)
         return
@@ -110,12 +110,12 @@ def _draw_coverage(axes: Axes, coverage: Mapping[str, Sequence[PoseTrace]]) -> N
         axes.plot(each, np.full(len(each), row), ".", color=SOFT, ms=4)
         axes.plot([float(np.concatenate([inside_ellipse(t) for t in traces]).mean())], [row], "o", color=BLUE, ms=8)
     axes.set_yticks(range(len(coverage)), list(coverage))
-    axes.set_xlim(0.5, 1.01)
+    axes.set_xlim(-0.02, 1.02)
     axes.invert_yaxis()
 
 
 def _draw_sweep(axes: Axes, sweep: Deskewed) -> None:
-    _title(axes, f"One sweep at {sweep.manoeuvre.name}, 64 rings: as measured, and at its stamp")
+    _title(axes, f"One sweep of 64 rings, {sweep.manoeuvre.name}")
     high = sweep.truth_m[:, 2] > -1.0
     for points, colour, name in ((sweep.raw_m, RED, "as measured"), (sweep.deskewed_m, BLUE, "motion taken out")):
         axes.plot(*points[high, :2].T, ",", color=colour, alpha=0.6)
