@@ -57,12 +57,11 @@ def test_every_problem_of_the_server_has_a_meaning(status: int, kind: str, alone
     assert type(meant(status, problem(kind), TWO)) is many
 
 
-@pytest.mark.parametrize("status", STATUSES)
 @pytest.mark.parametrize("content", [b"", b"<html>hello</html>", b'{"type": "about:blank"}', b"[1]", b"\xff\xfe"])
-def test_what_another_than_the_server_says_costs_no_report(status: int, content: bytes) -> None:
-    said = meant(status, content)
-    assert isinstance(said, Retry | Stop) or status == 413
-    assert isinstance(meant(status, content, TWO), Retry | Stop | Halve)
+def test_what_another_than_the_server_says_costs_no_report(content: bytes) -> None:
+    for status in STATUSES:
+        assert isinstance(meant(status, content), Retry | Stop) or status == 413
+        assert isinstance(meant(status, content, TWO), Retry | Stop | Halve)
 
 
 @given(st.sampled_from(STATUSES), st.binary(max_size=200), st.text(max_size=30))
