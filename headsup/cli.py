@@ -6,6 +6,7 @@ import typer
 
 from headsup.demo.command import demo
 from headsup.detect_command import detect_files
+from headsup.drive_command import drive, record
 from headsup.evaluate.app import evaluate_app
 from headsup.policy_command import policy_app
 from headsup.server_commands import db_app, keys_app, serve
@@ -21,6 +22,8 @@ app = typer.Typer(
 )
 app.command("demo")(demo)
 app.command("detect")(detect_files)
+app.command("drive")(drive)
+app.command("record")(record)
 app.command("serve")(serve)
 app.add_typer(simulate_app, name="simulate")
 app.add_typer(evaluate_app, name="evaluate")

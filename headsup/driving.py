@@ -1,0 +1,257 @@
+"""A drive from what was asked on the command line: source, calibration, server and recording put together."""
+
+from __future__ import annotations
+
+import os
+import signal
+from collections.abc import Iterator, Sequence
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
+from itertools import chain, islice
+from pathlib import Path
+from secrets import token_hex
+from types import FrameType
+
+import numpy as np
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+
+from contract.geometry import LatLon
+from contract.observation import ObservationReport, ReportResult
+from detector.pipeline import estimate_sensor_height
+from detector.types import DetectorError
+from vehicle_client.area import Heard
+from vehicle_client.background import BackgroundLink
+from vehicle_client.calibration import VehicleCalibration
+from vehicle_client.calibration_file import CalibrationError, CarCalibration, read_calibration
+from vehicle_client.drive import Step, Vehicle
+from vehicle_client.frames import GeoOrigin, rigid
+from vehicle_client.http_asking import UnusableError
+from vehicle_client.link import LinkStatus, ServerLink
+from vehicle_client.map_store import MapStore
+from vehicle_client.obstacle_map import ObstacleMap
+from vehicle_client.outbox import OutboxError
+from vehicle_client.pacing import Paced, Ready
+from vehicle_client.pose import PoseFilter, StatedPlace
+from vehicle_client.privacy import Privacy
+from vehicle_client.pseudonym import Pseudonyms
+from vehicle_client.quiet_zones import ZoneError, read_zones
+from vehicle_client.recording.background_recorder import BackgroundRecorder
+from vehicle_client.recording.drive_recorder import DriveRecorder, RecordingError
+from vehicle_client.session import Camera, Listener, drive_along, preparing, windshield
+from vehicle_client.sources.frame import LidarFrame, SourceError
+from vehicle_client.sources.opening import CountingSource, SourceOptions, open_source
+from vehicle_client.totals import Totals
+
+API_KEY_VARIABLE = "HEADSUP_API_KEY"
+
+TRIED_FRAMES = 10
+"""Sweeps in which the sensor's height is looked for, when nobody has said it."""
+
+
+class DriveError(ValueError):
+    """The drive cannot be made as it was asked for; the message says what to do."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Asked:
+    """What the command line says."""
+
+    source: str
+    calibration: Path | None = None
+    sensor_height_m: float | None = None
+    rate_hz: float = 10.0
+    ego: int = 0
+    topics: tuple[str, ...] = ()
+    start: str | None = None
+    server: str | None = None
+    realtime: bool | None = None
+    record: Path | None = None
+    state: Path | None = None
+    quiet_zones: Path | None = None
+
+    @property
+    def is_live(self) -> bool:
+        """Whether a sensor sends, rather than a file."""
+        return "://" in self.source
+
+    @property
+    def is_realtime(self) -> bool:
+        """Whether the sensor's pace is kept."""
+        return self.is_live if self.realtime is None else self.realtime
+
+
+@dataclass(frozen=True, slots=True)
+class Outcome:
+    """What the drive came to."""
+
+    asked: Asked
+    totals: Totals
+    skipped: int
+    """Frames, pictures and lines that the source could not use."""
+    dropped: int
+    """Frames that came faster than they were taken."""
+    link: LinkStatus | None
+    recording_stopped: str | None
+
+
+class NobodyLink:
+    """Stands where there is no server: hears nothing, tells nobody."""
+
+    def hear(self, position: LatLon) -> Sequence[Heard]:
+        """Nothing."""
+        return ()
+
+    def put(self, report: ObservationReport) -> None:
+        """It was counted; it goes nowhere."""
+
+    def deliver(self) -> Sequence[ReportResult]:
+        """Nothing."""
+        return ()
+
+
+def run(asked: Asked) -> Outcome:
+    """Make the drive. Raises `DriveError` or `OSError`."""
+    try:
+        return _run(asked)
+    except (SourceError, CalibrationError, RecordingError, OutboxError, UnusableError, ZoneError) as error:
+        raise DriveError(str(error)) from error
+
+
+def _run(asked: Asked) -> Outcome:
+    source = open_source(asked.source, SourceOptions(asked.rate_hz, ego=asked.ego, topics=_topics(asked.topics)))
+    frames: Iterator[LidarFrame] = iter(source)
+    car, frames = _car(asked, frames)
+    totals = Totals()
+    with ExitStack() as stack:
+        link = _link(asked, stack)
+        store = None if asked.server is None else MapStore(_state_folder(asked) / "map.gz")
+        vehicle = Vehicle(
+            car.vehicle,
+            NobodyLink() if link is None else link,
+            pseudonym=f"v-{token_hex(8)}",
+            known=ObstacleMap() if store is None else store.load(),
+            pose_filter=PoseFilter(antenna_m=car.antenna_m, stated=_stated(asked.start)),
+        )
+        recorder = _recorder(asked, car, stack)
+        listeners: list[Listener] = [_progress(stack, source)]
+        if recorder is not None:
+            listeners.append(lambda step, ready: recorder.add(step, windshield(step, ready, car), ready.frame))
+        if store is not None:
+            listeners.append(lambda step, _: store.save_if_due(step.known, step.frame.stamp_s))
+        paced = stack.enter_context(
+            Paced[Camera](frames, preparing(car), realtime=asked.is_realtime, is_recorded=not asked.is_live)
+        )
+        stack.enter_context(_ended_by_signals(paced))
+        last = drive_along(paced, vehicle, totals, listeners)
+        if store is not None and last is not None:
+            store.save(vehicle.known, last.frame.stamp_s)
+    status = None if link is None else link.status
+    return Outcome(asked, totals, source.skipped, paced.dropped, status, None if recorder is None else recorder.stopped)
+
+
+def _topics(given: Sequence[str]) -> dict[str, str]:
+    topics = dict(item.partition("=")[::2] for item in given)
+    if unnamed := [role for role, topic in topics.items() if not topic]:
+        raise DriveError(f"--topic {unnamed[0]}: expected ROLE=TOPIC, such as sweep=/lidar/points")
+    return topics
+
+
+def _car(asked: Asked, frames: Iterator[LidarFrame]) -> tuple[CarCalibration, Iterator[LidarFrame]]:
+    """The calibration, and the frames with those that it took to find the sensor's height."""
+    if asked.calibration is not None:
+        if asked.sensor_height_m is not None:
+            raise DriveError("--sensor-height: the calibration file says it; give one of both")
+        return read_calibration(asked.calibration), frames
+    seen: list[LidarFrame] = []
+    height_m = asked.sensor_height_m
+    if height_m is None:
+        seen = list(islice(frames, TRIED_FRAMES))
+        height_m = _estimated_height_m(seen)
+    vehicle_from_sensor = rigid(np.eye(3), np.array([0.0, 0.0, height_m]))
+    return CarCalibration(VehicleCalibration(vehicle_from_sensor, sensor="lidar")), chain(seen, frames)
+
+
+def _estimated_height_m(frames: Sequence[LidarFrame]) -> float:
+    heights = []
+    for frame in frames:
+        try:
+            heights.append(estimate_sensor_height(frame.points_m))
+        except DetectorError:
+            continue
+    known = [height for height in heights if height is not None]
+    if not known:
+        raise DriveError("how high the LiDAR sits above the road cannot be told: give --calibration or --sensor-height")
+    return float(np.median(known))
+
+
+def _stated(start: str | None) -> StatedPlace | None:
+    if start is None:
+        return None
+    try:
+        latitude_deg, longitude_deg, altitude_m, heading_deg = (float(word) for word in start.split(","))
+        origin = GeoOrigin(LatLon(latitude_deg=latitude_deg, longitude_deg=longitude_deg), altitude_m)
+    except ValueError as error:
+        raise DriveError(
+            "--start: expected LAT,LON,ALT,HEADING in degrees and metres, such as 49.01,8.43,115,90"
+        ) from error
+    return StatedPlace(origin, float(np.radians(heading_deg)))
+
+
+def _state_folder(asked: Asked) -> Path:
+    home = Path(os.environ.get("XDG_STATE_HOME") or Path.home() / ".local" / "state")
+    folder = asked.state or home / "headsup"
+    # What waits there says where the car was.
+    folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+    return folder
+
+
+def _link(asked: Asked, stack: ExitStack) -> ServerLink | BackgroundLink | None:
+    if asked.server is None:
+        return None
+    key = os.environ.get(API_KEY_VARIABLE)
+    zones = () if asked.quiet_zones is None else read_zones(asked.quiet_zones)
+    # Without a key the server takes the name for the vehicle: it must not change.
+    privacy = Privacy(zones, Pseudonyms() if key else None)
+    link = ServerLink(asked.server, key, _state_folder(asked) / "outbox.sqlite3", privacy=privacy)
+    if not asked.is_realtime:
+        return stack.enter_context(link)
+    return stack.enter_context(BackgroundLink(link))
+
+
+def _recorder(asked: Asked, car: CarCalibration, stack: ExitStack) -> DriveRecorder | BackgroundRecorder | None:
+    if asked.record is None:
+        return None
+    recorder = DriveRecorder(asked.record, car.vehicle)
+    if not asked.is_realtime:
+        return stack.enter_context(recorder)
+    return stack.enter_context(BackgroundRecorder(recorder))
+
+
+def _progress(stack: ExitStack, source: CountingSource) -> Listener:
+    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
+    bar = stack.enter_context(Progress(*columns, console=Console(stderr=True), transient=True))
+    task = bar.add_task("driving", total=len(source) or None)
+
+    def show(step: Step, _: Ready[Camera]) -> None:
+        bar.update(task, advance=1, description="driving" if step.reason is None else f"driving ({step.reason})")
+
+    return show
+
+
+@contextmanager
+def _ended_by_signals(paced: Paced[Camera]) -> Iterator[None]:
+    """The first Ctrl-C or SIGTERM ends the drive in order, a second one at once."""
+    before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
+
+    def end(number: int, frame: FrameType | None) -> None:
+        signal.signal(number, signal.default_int_handler)
+        paced.stop()
+
+    for number in before:
+        signal.signal(number, end)
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)

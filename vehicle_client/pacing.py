@@ -1,0 +1,160 @@
+"""Frames at the pace of the road: one thread reads, one prepares, the drive takes them; what is late is dropped whole.
+
+At the sensor's pace a queue holds the latest frames, and the oldest is dropped and counted when nobody has taken it. At
+the drive's pace (a recording that nobody waits for) queues fill and reading waits: nothing is dropped.
+"""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass
+from typing import Generic, TypeVar
+
+from vehicle_client.sources.frame import LidarFrame
+
+T = TypeVar("T")
+
+MOST_WAITING = 2
+"""Frames between two threads: one that is waited for, and one more against jitter; each costs its age."""
+
+_LOOK_S = 0.2
+"""How often a thread that waits looks whether the drive has ended."""
+
+
+@dataclass(frozen=True, slots=True)
+class Ready(Generic[T]):
+    """A prepared frame with what its preparation knows besides, and when its sweep was complete (monotonic clock)."""
+
+    frame: LidarFrame
+    known: T
+    complete_s: float
+
+
+class Queue(Generic[T]):
+    """Between two threads: bounded; full, it drops its oldest or makes the giver wait."""
+
+    def __init__(self, *, drops: bool, most: int = MOST_WAITING) -> None:
+        self._items: deque[T] = deque()
+        self._drops, self._most = drops, most
+        self._changed = threading.Condition()
+        self._error: BaseException | None = None
+        self._has_ended = self._is_closed = False
+        self.dropped = 0
+
+    def put(self, item: T) -> None:
+        """Give an item, waiting for room unless the queue drops, or is closed."""
+        with self._changed:
+            if self._drops and len(self._items) >= self._most:
+                self._items.popleft()
+                self.dropped += 1
+            while len(self._items) >= self._most and not self._is_closed:
+                self._changed.wait(_LOOK_S)
+            self._items.append(item)
+            self._changed.notify_all()
+
+    def end(self, error: BaseException | None = None) -> None:
+        """No more items come; whoever takes beyond the last one gets the error, if there was one."""
+        with self._changed:
+            self._has_ended, self._error = True, error
+            self._changed.notify_all()
+
+    def close(self) -> None:
+        """Nobody takes any more. Takes no lock, since a signal's handler may call it; those who wait look soon."""
+        self._is_closed = True
+
+    def __iter__(self) -> Iterator[T]:
+        while True:
+            with self._changed:
+                while not self._items and not self._has_ended and not self._is_closed:
+                    self._changed.wait(_LOOK_S)
+                if self._is_closed:
+                    return
+                if not self._items:
+                    if self._error is not None:
+                        raise self._error
+                    return
+                item = self._items.popleft()
+                self._changed.notify_all()
+            yield item
+
+
+class Paced(Generic[T]):
+    """The frames of a source, prepared, as a context manager: its threads end with the block.
+
+    `prepare` is called once for each frame, in their order, by one thread. `realtime` keeps the sensor's pace;
+    `is_recorded` then holds each frame back until as long after the first one as its stamp says.
+    """
+
+    def __init__(
+        self,
+        source: Iterable[LidarFrame],
+        prepare: Callable[[LidarFrame], tuple[LidarFrame, T]],
+        *,
+        realtime: bool,
+        is_recorded: bool,
+    ) -> None:
+        self._source, self._prepare = source, prepare
+        self._is_held = realtime and is_recorded
+        self._read: Queue[tuple[LidarFrame, float]] = Queue(drops=realtime)
+        self._ready: Queue[Ready[T]] = Queue(drops=realtime)
+        self._ends = threading.Event()
+        self._threads = [
+            threading.Thread(target=work, name=name, daemon=True)
+            for name, work in (("headsup-reading", self._reading), ("headsup-preparing", self._preparing))
+        ]
+
+    def __enter__(self) -> Paced[T]:
+        for thread in self._threads:
+            thread.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.stop()
+        for thread in self._threads:
+            # A live source may wait for its sensor; it is a daemon's thread and holds nothing that must be put away.
+            thread.join(timeout=1.0)
+
+    def stop(self) -> None:
+        """No more frames come; whoever takes them has the last one. Harmless from a signal handler."""
+        self._ends.set()
+        self._read.close()
+        self._ready.close()
+
+    @property
+    def dropped(self) -> int:
+        """Frames that nobody took in time."""
+        return self._read.dropped + self._ready.dropped
+
+    def __iter__(self) -> Iterator[Ready[T]]:
+        return iter(self._ready)
+
+    def _reading(self) -> None:
+        try:
+            begun: tuple[float, float] | None = None
+            for frame in self._source:
+                now_s = time.monotonic()
+                begun = begun or (now_s, frame.stamp_s)
+                due_s = begun[0] + frame.stamp_s - begun[1] if self._is_held else now_s
+                if due_s > now_s:
+                    self._ends.wait(due_s - now_s)
+                if self._ends.is_set():
+                    return
+                # Reading that is late does not make the sweep younger.
+                self._read.put((frame, min(due_s, time.monotonic())))
+        except Exception as error:  # told to whoever takes the frames
+            self._read.end(error)
+        else:
+            self._read.end()
+
+    def _preparing(self) -> None:
+        try:
+            for frame, complete_s in self._read:
+                prepared, known = self._prepare(frame)
+                self._ready.put(Ready(prepared, known, complete_s))
+        except Exception as error:  # told to whoever takes the frames
+            self._ready.end(error)
+        else:
+            self._ready.end()
