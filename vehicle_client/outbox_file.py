@@ -27,6 +27,7 @@ _TABLES = (
     " body TEXT NOT NULL)",
     "CREATE TABLE IF NOT EXISTS tally (fate TEXT PRIMARY KEY, number INTEGER NOT NULL)",
 )
+_NAMES = {"report", "dropped", "tally"}
 _BROKEN = frozenset({sqlite3.SQLITE_CORRUPT, sqlite3.SQLITE_NOTADB, sqlite3.SQLITE_FORMAT})
 
 Statement = tuple[str, Sequence[Sequence[Any]]]
@@ -130,15 +131,15 @@ class OutboxFile:
         database = _connected(self._path)
         try:
             (application,) = database.execute("PRAGMA application_id").fetchone()
-            (tables,) = database.execute("SELECT count(*) FROM sqlite_master").fetchone()
-            if tables and application != _APPLICATION_ID:
+            tables = {name for (name,) in database.execute("SELECT name FROM sqlite_master WHERE type = 'table'")}
+            if tables and application != _APPLICATION_ID and not tables >= _NAMES:
                 raise OutboxError(f"{self._path} is the database of another program: name another file for the outbox")
             database.execute("PRAGMA journal_mode=WAL")
             database.execute("PRAGMA synchronous=FULL")
             (sound,) = database.execute("PRAGMA quick_check(1)").fetchone()
             (version,) = database.execute("PRAGMA user_version").fetchone()
-            if sound != "ok" or (tables and version != _FORMAT):
-                raise _broken(f"quick_check says {sound}, format {version}")
+            if sound != "ok" or (tables and (application, version) != (_APPLICATION_ID, _FORMAT)):
+                raise _broken(f"quick_check says {sound}, format {version} of {application}")
             database.execute("BEGIN EXCLUSIVE")
             for table in _TABLES:
                 database.execute(table)

@@ -16,7 +16,7 @@ from pathlib import Path
 from uuid import UUID
 
 import pytest
-from hypothesis import settings
+from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from hypothesis.stateful import Bundle, RuleBasedStateMachine, invariant, precondition, rule
 
@@ -175,6 +175,45 @@ def test_what_can_be_read_of_a_broken_file_is_taken_over(path: Path) -> None:
         outbox.put(reports(1, first=100)[0])
     assert kept == ids(sent)[: len(kept)]
     assert len(kept) > 30
+
+
+@pytest.fixture(scope="module")
+def after_a_kill(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The files of an outbox of 20 reports whose process was killed: most of it is in SQLite's write-ahead log."""
+    folder = tmp_path_factory.mktemp("killed")
+    with closing(Outbox(folder / "outbox.sqlite3")) as outbox:
+        for report in reports(20):
+            outbox.put(report)
+        shutil.copytree(folder, folder.with_name("killed-files"))
+    return folder.with_name("killed-files")
+
+
+@settings(max_examples=40, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(
+    flips=st.lists(st.tuples(st.booleans(), st.floats(0, 1), st.integers(0, 7)), min_size=1, max_size=8),
+    cut=st.floats(0, 2),
+)
+def test_files_that_are_changed_or_cut_anywhere_never_stop_the_car(
+    after_a_kill: Path, tmp_path: Path, flips: list[tuple[bool, float, int]], cut: float
+) -> None:
+    shutil.rmtree(tmp_path)
+    shutil.copytree(after_a_kill, tmp_path)
+    files = sorted(tmp_path.iterdir())
+    contents = [bytearray(file.read_bytes()) for file in files]
+    for is_log, place, bit in flips:
+        content = contents[-1 if is_log else 0]
+        content[int(place * (len(content) - 1))] ^= 1 << bit
+    contents[-1] = contents[-1][: int(cut * len(contents[-1]))]
+    for file, content in zip(files, contents, strict=True):
+        file.write_bytes(content)
+    new = reports(3, first=100)
+    with reopened(tmp_path / "outbox.sqlite3") as outbox:
+        for report in new:
+            outbox.put(report)
+        assert outbox.trouble is None
+        assert set(waiting_in(outbox)) >= set(ids(new))
+    with reopened(tmp_path / "outbox.sqlite3") as outbox:
+        assert set(waiting_in(outbox)) >= set(ids(new))
 
 
 def test_a_file_that_breaks_while_it_is_open_costs_no_drive(path: Path) -> None:
