@@ -168,8 +168,8 @@ def _matching_table(drives: list[MatchedDrive]) -> Table:
         table.add_row(
             drive.name,
             f"{drive.length_m:.1f} m",
-            f"{drive.drift_percent:.2f} m",
-            f"{drive.turn_deg_per_100_m:.2f} deg",
+            "-" if drive.truth is None else f"{drive.drift_percent:.2f} m",
+            "-" if drive.truth is None else f"{drive.turn_deg_per_100_m:.2f} deg",
             f"{drive.roughness_m * 100:.1f} cm",
             *(f"{value * 1000:.0f} ms" for value in np.percentile(drive.seconds, [50, 95])),
         )
