@@ -12,13 +12,14 @@ from numpy.typing import NDArray
 
 from vehicle_client.drive import Step
 from vehicle_client.recording.drive_recorder import DriveRecorder
+from vehicle_client.sources.frame import LidarFrame
 
 LOG = logging.getLogger(__name__)
 
 MOST_WAITING = 10
 """Steps that wait for the disk: a second, and at most some tens of megabytes."""
 
-Waiting = tuple[Step, NDArray[np.uint8] | None]
+Waiting = tuple[Step, NDArray[np.uint8] | None, LidarFrame | None]
 
 
 class BackgroundRecorder:
@@ -33,7 +34,7 @@ class BackgroundRecorder:
         self._waiting: queue.Queue[Waiting | None] = queue.Queue(MOST_WAITING)
         self._failed: Exception | None = None
         self.dropped = 0
-        self._thread = threading.Thread(target=self._write, name="recording")
+        self._thread = threading.Thread(target=self._write, name="recording", daemon=True)
         self._thread.start()
 
     @property
@@ -49,10 +50,10 @@ class BackgroundRecorder:
     ) -> None:
         self.close()
 
-    def add(self, step: Step, overlay_bgr: NDArray[np.uint8] | None = None) -> None:
-        """Keep a step for the writing thread, never waiting for it."""
+    def add(self, step: Step, overlay_bgr: NDArray[np.uint8] | None = None, measured: LidarFrame | None = None) -> None:
+        """Keep a step for the writing thread, never waiting for it; arguments as of `DriveRecorder.add`."""
         try:
-            self._waiting.put_nowait((step, overlay_bgr))
+            self._waiting.put_nowait((step, overlay_bgr, measured))
         except queue.Full:
             self.dropped += 1
             if self.dropped == 1:
@@ -70,12 +71,12 @@ class BackgroundRecorder:
     def _write(self) -> None:
         while (waiting := self._waiting.get()) is not None:
             if self._failed is None:
-                self._add(*waiting)
+                self._add(waiting)
         self._recorder.close()
 
-    def _add(self, step: Step, overlay_bgr: NDArray[np.uint8] | None) -> None:
+    def _add(self, waiting: Waiting) -> None:
         try:
-            self._recorder.add(step, overlay_bgr)
+            self._recorder.add(*waiting)
         except Exception as error:  # a thread's exception would be lost, and the drive go on unrecorded
             LOG.exception("the recording fails")
             self._failed = error

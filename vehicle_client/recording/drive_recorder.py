@@ -65,8 +65,12 @@ class DriveRecorder:
     ) -> None:
         self.close()
 
-    def add(self, step: Step, overlay_bgr: NDArray[np.uint8] | None = None) -> None:
-        """Write all that a frame brought, and the picture that the driver was shown, (H, W, 3) uint8 BGR."""
+    def add(self, step: Step, overlay_bgr: NDArray[np.uint8] | None = None, measured: LidarFrame | None = None) -> None:
+        """Write all that a frame brought, and the picture that the driver was shown, (H, W, 3) uint8 BGR.
+
+        `measured` is the frame as the source gave it, before its points and stamps were prepared: so a drive of the
+        recording is prepared in the same way, once. Without it the step's own frame is written.
+        """
         if self.stopped is not None:
             return
         try:
@@ -74,7 +78,7 @@ class DriveRecorder:
             if free_bytes < self._least_free_bytes:
                 self._stop(f"only {free_bytes / 1e9:.1f} GB are free")
                 return
-            self._put(step, overlay_bgr)
+            self._put(step, overlay_bgr, step.frame if measured is None else measured)
             self._stream.flush()
         except OSError as error:
             self._stop(str(error.strerror or error))
@@ -102,8 +106,7 @@ class DriveRecorder:
         except OSError as error:
             LOG.warning("%s: %s", self._part, error)
 
-    def _put(self, step: Step, overlay_bgr: NDArray[np.uint8] | None) -> None:
-        frame = step.frame
+    def _put(self, step: Step, overlay_bgr: NDArray[np.uint8] | None, frame: LidarFrame) -> None:
         now_ns = sensors.stamp_ns(frame.stamp_s)
         self._put_measured(frame, now_ns)
         self._put_transforms(step, now_ns)
@@ -114,11 +117,13 @@ class DriveRecorder:
             self._channels.put("/pose", now_ns, sensors.pose_fix(step.pose, now_ns))
         self._channels.put("/obstacles", now_ns, found.scene(now_ns, step.tracks, step.known, step.pose))
         for topic, title, value in (
-            ("/state", "headsup.PoseState", found.pose_json(step.pose)),
-            ("/detections", "headsup.Detections", found.detections_json(step.detection)),
+            ("/state", "headsup.PoseState", found.pose_json(step.pose, step.reason)),
+            ("/detections", "headsup.Detections", found.detections_json(step.detection, step.found)),
             ("/alerts", "headsup.Alerts", found.alerts_json(step.alerts)),
         ):
             self._channels.put_json(topic, now_ns, title, value)
+        for report in step.reports:
+            self._channels.put_json("/reports", now_ns, "headsup.ObservationReport", report.model_dump(mode="json"))
         for answer in step.answers:
             said = {"report": answer.report.model_dump(mode="json"), "result": answer.result.model_dump(mode="json")}
             self._channels.put_json("/answers", now_ns, "headsup.Answer", said)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 from foxglove_schemas_protobuf.Color_pb2 import Color
@@ -33,17 +34,21 @@ TEXT_M = 0.5
 
 
 def scene(time_ns: int, tracks: tuple[Track, ...], known: ObstacleMap, here: Pose | None) -> SceneUpdate:
-    """All obstacles as boxes in `odom`: confirmed tracks, and with a pose to place them by what the server told."""
-    entities = [_track_box(time_ns, track) for track in tracks if track.confirmed]
+    """Boxes in `odom`: confirmed tracks of what stands, and, where there is a pose to place it, what the server told."""
+    entities = [_track_box(time_ns, track) for track in tracks if track.confirmed and track.is_static]
     if here is not None:
         entities += [_told_box(time_ns, entry.feature, here) for entry in known.obstacles.values()]
     clear = SceneEntityDeletion(timestamp=timestamp(time_ns), type=SceneEntityDeletion.ALL)
     return SceneUpdate(deletions=[clear], entities=entities)
 
 
-def detections_json(detection: FrameDetection) -> dict[str, object]:
-    """The frame's obstacles in the `sensor` frame, and whether a road was seen at all."""
-    return {"road_seen": detection.road_seen, "obstacles": [_detected(o) for o in detection.obstacles]}
+def detections_json(detection: FrameDetection, found: Sequence[DetectedObstacle]) -> dict[str, object]:
+    """Obstacles of the sweep alone and of the last ones together, in `sensor`, and whether a road was seen at all."""
+    return {
+        "road_seen": detection.road_seen,
+        "of_the_sweep": [_detected(o) for o in detection.obstacles],
+        "found": [_detected(o) for o in found],
+    }
 
 
 def alerts_json(alerts: Alerts) -> dict[str, object]:
@@ -51,12 +56,13 @@ def alerts_json(alerts: Alerts) -> dict[str, object]:
     return {"fresh": alerts.fresh, "chime": alerts.chime, "hazards": [_hazard(h) for h in alerts.hazards]}
 
 
-def pose_json(here: Pose | None) -> dict[str, object]:
-    """Whether there was a pose, and what it said."""
+def pose_json(here: Pose | None, reason: str | None) -> dict[str, object]:
+    """What the pose said, if there was one, and why nothing may be reported or shown with it."""
     if here is None:
-        return {"known": False}
+        return {"known": False, "reason": reason}
     return {
         "known": True,
+        "reason": reason,
         "latitude_deg": here.position.latitude_deg,
         "longitude_deg": here.position.longitude_deg,
         "altitude_m": here.altitude_m,

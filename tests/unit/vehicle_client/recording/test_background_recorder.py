@@ -10,6 +10,7 @@ from tests.unit.vehicle_client.recording.test_drive_recorder import CALIBRATION,
 from vehicle_client.drive import Step
 from vehicle_client.recording.background_recorder import MOST_WAITING, BackgroundRecorder
 from vehicle_client.recording.drive_recorder import DriveRecorder
+from vehicle_client.sources.frame import LidarFrame
 from vehicle_client.sources.opening import open_source
 
 
@@ -20,10 +21,10 @@ class Held(DriveRecorder):
         super().__init__(path, CALIBRATION, least_free_bytes=0)
         self.go, self.began = threading.Event(), threading.Event()
 
-    def add(self, step: Step, overlay_bgr: np.ndarray | None = None) -> None:
+    def add(self, step: Step, overlay_bgr: np.ndarray | None = None, measured: LidarFrame | None = None) -> None:
         self.began.set()
         assert self.go.wait(20)
-        super().add(step, overlay_bgr)
+        super().add(step, overlay_bgr, measured)
 
 
 def test_the_thread_writes_the_same_bytes(tmp_path: Path) -> None:

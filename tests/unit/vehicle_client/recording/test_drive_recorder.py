@@ -4,7 +4,7 @@ import json
 import subprocess
 import sys
 import textwrap
-from dataclasses import fields
+from dataclasses import fields, replace
 from pathlib import Path
 
 import numpy as np
@@ -50,7 +50,17 @@ def step(index: int, frame: LidarFrame | None = None) -> Step:
     labels, floats = np.full(count, 5, np.uint8), np.zeros(count, np.float32)
     detection = FrameDetection(labels, floats, floats, (seen(),))
     here = pose_at(stamp_s=frame.stamp_s)
-    return Step(frame, here, detection, (track_at(8.0, 0.5),), map_of(feature(7)), Alerts(), (), ())
+    return Step(
+        frame=frame,
+        pose=here,
+        reason=None,
+        detection=detection,
+        found=(seen(),),
+        tracks=(track_at(8.0, 0.5),),
+        measured=(),
+        known=map_of(feature(7)),
+        alerts=Alerts(),
+    )
 
 
 def bare(index: int) -> Step:
@@ -58,7 +68,17 @@ def bare(index: int) -> Step:
     floats = np.zeros(5, np.float32)
     frame = LidarFrame(NOON_S + 0.1 * index, np.ones((5, 3), np.float32))
     nothing = FrameDetection(floats.astype(np.uint8), floats, floats, (), road_seen=False)
-    return Step(frame, None, nothing, (), ObstacleMap(), Alerts(fresh=False), (), ())
+    return Step(
+        frame=frame,
+        pose=None,
+        reason="no fix yet",
+        detection=nothing,
+        found=(),
+        tracks=(),
+        measured=(),
+        known=ObstacleMap(),
+        alerts=Alerts(fresh=False),
+    )
 
 
 def record(path: Path, steps: list[Step]) -> Path:
@@ -105,7 +125,19 @@ def test_frames_of_points_alone_come_back_as_such(tmp_path: Path) -> None:
         assert frame.image is None
         assert (frame.gnss, frame.odom_from_vehicle, frame.motions) == (None, None, ())
         assert (frame.intensity, frame.ring, frame.point_time_s) == (None, None, None)
-    assert [json.loads(data) for data in messages(path)["/state"]] == [{"known": False}] * 3
+    assert [json.loads(data) for data in messages(path)["/state"]] == [{"known": False, "reason": "no fix yet"}] * 3
+
+
+def test_the_frame_as_it_was_measured_is_what_is_driven_again(tmp_path: Path) -> None:
+    raw = measured(0)
+    prepared = replace(raw, points_m=raw.points_m + 1, point_time_s=None, image=None, motions=())
+    with DriveRecorder(tmp_path / "drive.mcap", CALIBRATION, least_free_bytes=0) as recorder:
+        recorder.add(step(0, prepared), measured=raw)
+    (frame,) = open_source(tmp_path / "drive.mcap")
+    assert frame.points_m.tolist() == raw.points_m.tolist()
+    assert frame.point_time_s == pytest.approx(raw.point_time_s, abs=1e-6)
+    assert frame.image is not None
+    assert len(frame.motions) == 2
 
 
 def test_what_was_found_told_and_shown_is_in_the_file(tmp_path: Path) -> None:
@@ -116,7 +148,7 @@ def test_what_was_found_told_and_shown_is_in_the_file(tmp_path: Path) -> None:
     assert [entity.id for entity in scene.entities] == ["track-1", "00000000-0000-0000-0000-000000000007"]
     assert scene.entities[0].cubes[0].pose.position.x == 8.0
     assert scene.entities[1].cubes[0].size.x == pytest.approx(0.9)
-    (detected,) = json.loads(found["/detections"][0])["obstacles"]
+    (detected,) = json.loads(found["/detections"][0])["found"]
     assert (detected["kind"], detected["length_m"], detected["centre_m"][0]) == ("pothole", 0.9, 10.0)
     assert json.loads(found["/alerts"][0])["hazards"] == []
     assert json.loads(found["/state"][0])["heading_rad"] == pytest.approx(np.pi / 2)

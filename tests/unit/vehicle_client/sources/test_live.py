@@ -4,6 +4,7 @@ import math
 import random
 import socket
 import threading
+import zlib
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
@@ -282,6 +283,19 @@ def test_whatever_is_lost_doubled_or_swapped_a_message_comes_whole_and_once(orde
             found[whole[0].message] = whole[1]
     for message, payload in found.items():
         assert payload == sweep_payload(measured(message), PointEncoding.EXACT)
+
+
+@given(st.lists(st.tuples(st.integers(0, 60), st.binary(min_size=1, max_size=6), st.booleans()), max_size=20))
+def test_whatever_datagrams_come_what_waits_is_bounded(changes: list[tuple[int, bytes, bool]]) -> None:
+    parts = Parts(Complaints())
+    for number, (at, data, mend) in enumerate(changes):
+        datagram = bytearray(datagrams(0, number)[0])
+        datagram[at : at + len(data)] = data
+        if mend:
+            datagram[28:32] = zlib.crc32(datagram[HEADER.size :]).to_bytes(4, "little")
+        parts.add("somebody", bytes(datagram))
+        assert len(parts._waiting) <= MOST_WAITING
+        assert parts._size == sum(waiting.size for waiting in parts._waiting.values())
 
 
 def test_points_that_were_not_measured_or_lie_too_far_are_nan_in_small_points() -> None:
