@@ -34,7 +34,7 @@ TEXT_M = 0.5
 
 
 def scene(time_ns: int, tracks: tuple[Track, ...], known: ObstacleMap, here: Pose | None) -> SceneUpdate:
-    """Boxes in `odom`: confirmed tracks of what stands, and, where there is a pose to place it, what the server told."""
+    """Boxes in `odom`: confirmed tracks of what stands, and, where a pose places it, what the server told."""
     entities = [_track_box(time_ns, track) for track in tracks if track.confirmed and track.is_static]
     if here is not None:
         entities += [_told_box(time_ns, entry.feature, here) for entry in known.obstacles.values()]
