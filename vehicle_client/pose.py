@@ -248,16 +248,18 @@ def _begun(state: PoseFilter, fix: GnssFix, at: PlanarPose) -> PoseFilter:
 
 
 def _reason_for_none(state: PoseFilter, stamp_s: float) -> str | None:
+    if state.stated is not None:
+        return None
     age_s = stamp_s - state.last_fix_s
     if state.clock_off_s is not None and age_s > DOUBTED_AFTER_S:
         return f"the satellite fixes' clock is {abs(state.clock_off_s):.0f} s off"
     if state.estimate is None:
         return "no satellite fix yet" if state.first is None else "heading unknown: drive on"
-    if state.stated is None and age_s > STALE_AFTER_S:
+    if age_s > STALE_AFTER_S:
         return f"the last satellite fix is {age_s:.0f} s old"
     if state.gate.refused_since_s is not None and age_s > DOUBTED_AFTER_S:
         return "satellite fixes contradict odometry"
-    return None if state.stated is not None else _reason_to_doubt(state.estimate)
+    return _reason_to_doubt(state.estimate)
 
 
 def _reason_to_doubt(estimate: CarEstimate) -> str | None:
