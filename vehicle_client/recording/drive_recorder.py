@@ -7,6 +7,7 @@ with DriveRecorder(Path("drive.mcap"), calibration) as recorder:
 
 from __future__ import annotations
 
+import itertools
 import logging
 import shutil
 from pathlib import Path
@@ -37,9 +38,9 @@ class RecordingError(ValueError):
 class DriveRecorder:
     """Writes steps of a drive, topics as in docs/sources.md. The file has its name once it is closed.
 
-    Until then it is called `NAME.part`, and if the process is killed it can be read as far as chunks were written
-    (some 4 MB). A disk that is nearly full, or fails, ends the recording with a warning and not the drive: `stopped`
-    says why. `RecordingError` if the file is there already or cannot be made.
+    Until then it is called `NAME.part`, and if the process is killed it can be read as far as chunks were written (some
+    4 MB); the next recording of that name sets it aside. A disk that is nearly full, or fails, ends the recording with
+    a warning and not the drive: `stopped` says why. `RecordingError` if the file is there already or cannot be made.
     """
 
     def __init__(
@@ -52,6 +53,7 @@ class DriveRecorder:
             raise RecordingError(f"{path}: is there already; give a new name")
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
+            _set_aside(self._part, path)
             self._stream = self._part.open("wb")
         except OSError as error:
             raise RecordingError(f"{path}: cannot be made: {error.strerror}") from error
@@ -162,3 +164,13 @@ class DriveRecorder:
             transforms.append(sensors.frame_transform(now_ns, "odom", "vehicle", step.pose.odom_from_vehicle))
             transforms.append(sensors.frame_transform(now_ns, "enu", "odom", step.pose.enu_from_odom))
         self._channels.put("/tf", now_ns, FrameTransforms(transforms=transforms))
+
+
+def _set_aside(part: Path, path: Path) -> None:
+    """Keep what a killed process left, under a name that is free."""
+    if not part.is_file():
+        return
+    names = (path.with_name(f"{path.stem}.unfinished-{number}{path.suffix}") for number in itertools.count(1))
+    free = next(name for name in names if not name.exists())
+    part.rename(free)
+    LOG.warning("%s: a recording that was not finished is kept as %s", path, free.name)

@@ -166,6 +166,14 @@ def test_a_recording_never_replaces_another(tmp_path: Path) -> None:
         DriveRecorder(path, CALIBRATION)
 
 
+def test_what_a_killed_process_left_is_kept(tmp_path: Path) -> None:
+    for number in (1, 2):
+        left = record(tmp_path / "whole.mcap", [bare(number)]).rename(tmp_path / "drive.mcap.part").read_bytes()
+        record(tmp_path / "drive.mcap", [bare(0)]).unlink()
+        assert (tmp_path / f"drive.unfinished-{number}.mcap").read_bytes() == left
+    assert len(list(open_source(tmp_path / "drive.unfinished-1.mcap"))) == 1
+
+
 def test_a_place_that_cannot_be_written_is_refused(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
     with pytest.raises(RecordingError, match="cannot be made"):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -176,7 +176,13 @@ def drive(messages: Messages, frames: int = 4) -> Iterator[Said]:
         yield "/lidar_top/points", begin + 99_500_000, messages.cloud(index, begin)
 
 
-def write_bag(path: Path, generation: int, said: list[Said], storage: StoragePlugin = StoragePlugin.SQLITE3) -> Path:
+def write_bag(
+    path: Path,
+    generation: int,
+    said: list[Said],
+    storage: StoragePlugin = StoragePlugin.SQLITE3,
+    prepare: Callable[[Any], None] = lambda writer: None,
+) -> Path:
     """A bag of these messages."""
     store = get_typestore(STORES[generation])
     writer: Any
@@ -184,6 +190,7 @@ def write_bag(path: Path, generation: int, said: list[Said], storage: StoragePlu
         writer = rosbags.rosbag1.Writer(path)
     else:
         writer = rosbags.rosbag2.Writer(path, version=8, storage_plugin=storage)
+    prepare(writer)
     with writer:
         connections: dict[str, Any] = {}
         for topic, log_ns, message in sorted(said, key=lambda row: row[1]):

@@ -6,9 +6,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import rosbags.rosbag1
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-from rosbags.rosbag2 import StoragePlugin
+from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin
 
 from tests.unit.vehicle_client.sources.ros_files import (
     COUNT,
@@ -206,6 +207,20 @@ def test_a_bag_that_was_cut_is_read_as_far_as_it_goes_or_refused(tmp_path: Path,
     assert len(frames) < 20
     assert source.skipped > 0
     assert all(np.diff([f.stamp_s for f in frames]) > 0)
+
+
+@pytest.mark.parametrize("form", list(rosbags.rosbag1.Writer.CompressionFormat))
+def test_compressed_bags_of_ros_1_are_read(tmp_path: Path, form: rosbags.rosbag1.Writer.CompressionFormat) -> None:
+    compress = lambda writer: writer.set_compression(form)  # noqa: E731
+    path = write_bag(tmp_path / "drive.bag", 1, list(drive(Messages(1))), prepare=compress)
+    assert len(list(open_source(path))) == 4
+
+
+@pytest.mark.parametrize("mode", [CompressionMode.FILE, CompressionMode.MESSAGE])
+def test_compressed_bags_of_ros_2_are_read(tmp_path: Path, mode: CompressionMode) -> None:
+    compress = lambda writer: writer.set_compression(mode, CompressionFormat.ZSTD)  # noqa: E731
+    path = write_bag(tmp_path / "drive", 2, list(drive(Messages(2))), prepare=compress)
+    assert len(list(open_source(path))) == 4
 
 
 def test_an_sqlite_bag_whose_description_is_missing_is_read_all_the_same(tmp_path: Path) -> None:
