@@ -11,8 +11,8 @@ from vehicle_client.frames import GeoOrigin, yaw_from_heading
 from vehicle_client.odometry_history import OdometryHistory, PlanarPose, in_axes_of, turn_between
 from vehicle_client.sources.frame import GnssFix
 
-EVERY_S = 1.0
-"""Receivers and compasses smooth over about a second: what they say in between is no news."""
+SMOOTHED_S = 1.0
+"""Receivers and compasses smooth over about a second: what they say more often counts for less each time."""
 
 HEADING_SD_RAD = math.radians(1.0)
 """Two antennas half a metre apart state 0.3 to 0.8 degrees; a calibrated compass reaches 1 to 2."""
@@ -45,12 +45,13 @@ class YawMeasurement:
 
 
 def measured_yaw(fix: GnssFix, at: PlanarPose, history: OdometryHistory, last_s: float) -> YawMeasurement | None:
-    """What a fix says itself, carried to now by odometry; None if nothing, or it said it just before."""
-    if at.stamp_s - last_s < EVERY_S:
+    """What a fix says itself, carried to now by odometry; None if nothing, or if a later one spoke at `last_s`."""
+    if at.stamp_s <= last_s:
         return None
     turned = history.poses[-1].yaw_rad - at.yaw_rad
+    smoothed = repeated(at.stamp_s - last_s)
     if fix.heading_rad is not None and math.isfinite(fix.heading_rad):
-        return YawMeasurement(yaw_from_heading(fix.heading_rad) + turned, HEADING_SD_RAD)
+        return YawMeasurement(yaw_from_heading(fix.heading_rad) + turned, smoothed * HEADING_SD_RAD)
     course = _course(fix)
     before = history.at(at.stamp_s - MOTION_S)
     if course is None or before is None:
@@ -62,7 +63,12 @@ def measured_yaw(fix: GnssFix, at: PlanarPose, history: OdometryHistory, last_s:
     # The chord of an arc points where the car does half-way; going backwards it points behind.
     slip = math.atan2(moved[1], moved[0]) - turning / 2
     sd_rad = math.hypot(VELOCITY_SD_MPS / course.speed_mps, VELOCITY_LAG_S * turning / MOTION_S)
-    return YawMeasurement(course.yaw_rad - slip + turned, sd_rad)
+    return YawMeasurement(course.yaw_rad - slip + turned, smoothed * sd_rad)
+
+
+def repeated(elapsed_s: float) -> float:
+    """Factor on a deviation, so that readings so far apart together say as much as one in `SMOOTHED_S`."""
+    return math.sqrt(SMOOTHED_S / min(max(elapsed_s, 0.01), SMOOTHED_S))
 
 
 @dataclass(frozen=True, slots=True)

@@ -228,7 +228,7 @@ def _with_the_rest(state: PoseFilter, estimate: CarEstimate, fix: GnssFix, at: P
     yaw = measured_yaw(fix, at, state.history, state.last_yaw_s)
     if yaw is None:
         return replace(state, estimate=estimate)
-    scale = measured_scale(fix, at, state.history)
+    scale = measured_scale(fix, at, state.history, at.stamp_s - state.last_yaw_s)
     if scale is not None:
         estimate = car_estimate.with_scale(estimate, scale)
     return replace(state, estimate=car_estimate.with_yaw(estimate, yaw), last_yaw_s=at.stamp_s)

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from vehicle_client.heading import repeated
 from vehicle_client.odometry_history import OdometryHistory, PlanarPose
 from vehicle_client.sources.frame import GnssFix
 
@@ -30,8 +31,8 @@ class ScaleMeasurement:
     sd: float
 
 
-def measured_scale(fix: GnssFix, at: PlanarPose, history: OdometryHistory) -> ScaleMeasurement | None:
-    """Speed over ground against odometry's about the same moment; None where either is not known or slow."""
+def measured_scale(fix: GnssFix, at: PlanarPose, history: OdometryHistory, elapsed_s: float) -> ScaleMeasurement | None:
+    """Speed over ground against odometry's about the same moment, `elapsed_s` after the last; None where slow."""
     before, earlier = history.at(at.stamp_s - MOTION_S), history.at(at.stamp_s - 2 * MOTION_S)
     if fix.speed_mps is None or not math.isfinite(fix.speed_mps) or before is None or earlier is None:
         return None
@@ -39,7 +40,7 @@ def measured_scale(fix: GnssFix, at: PlanarPose, history: OdometryHistory) -> Sc
     if min(speed, fix.speed_mps) < FROM_MPS:
         return None
     sd_mps = math.hypot(SPEED_SD_MPS, LAG_S * (speed - old_speed) / MOTION_S)
-    return ScaleMeasurement(fix.speed_mps / speed - 1, sd_mps / speed)
+    return ScaleMeasurement(fix.speed_mps / speed - 1, repeated(elapsed_s) * sd_mps / speed)
 
 
 def _speed_mps(one: PlanarPose, other: PlanarPose) -> float:

@@ -134,9 +134,9 @@ def test_no_scale_is_read_from_a_slow_car_or_a_receiver_that_says_no_speed() -> 
     for number in range(10):
         history = history.with_pose(number / 10, planar(float(number), 0, 0.0))
         slow = slow.with_pose(number / 10, planar(0.1 * number, 0, 0.0))
-    measured = measured_scale(fix, history.poses[-1], history)
+    measured = measured_scale(fix, history.poses[-1], history, 1.0)
     assert measured is not None
     assert measured.scale == pytest.approx(0.0)
-    assert measured_scale(replace(fix, speed_mps=None), history.poses[-1], history) is None
-    assert measured_scale(replace(fix, speed_mps=math.nan), history.poses[-1], history) is None
-    assert measured_scale(fix, slow.poses[-1], slow) is None
+    assert measured_scale(replace(fix, speed_mps=None), history.poses[-1], history, 1.0) is None
+    assert measured_scale(replace(fix, speed_mps=math.nan), history.poses[-1], history, 1.0) is None
+    assert measured_scale(fix, slow.poses[-1], slow, 1.0) is None
