@@ -76,5 +76,5 @@ class FixGate:
             return ()
         mean = np.mean([r.innovation_m for r in self.agreeing], axis=0)
         agrees = float(np.linalg.norm(innovation_m - mean)) <= GATE**0.5 * sd_m
-        # A fix a second is kept: rates differ, and memory is bounded.
+        # The first tells since when they agree; of the others the last few are enough.
         return self.agreeing[:1] + self.agreeing[1:][-AGREED_FIXES:] if agrees else ()
