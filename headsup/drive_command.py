@@ -61,6 +61,10 @@ def drive(
     quiet_zones: Annotated[
         Path | None, typer.Option("--quiet-zones", help="JSON file with places of which nothing leaves the car.")
     ] = None,
+    as_if_now: Annotated[
+        bool,
+        typer.Option("--as-if-now", help="Move a recording's stamps to the present: servers refuse what is weeks old."),
+    ] = False,
     rate: Rate = 10.0,
     ego: Ego = 0,
     topic: Topics = None,
@@ -75,7 +79,7 @@ def drive(
 
     Examples:
 
-        headsup drive drive.bag --calibration car.toml --server https://hazards.example
+        headsup drive drive.bag --calibration car.toml --server https://hazards.example --as-if-now
 
         headsup drive kitti/2011_09_26_drive_0001_sync --sensor-height 1.73 --realtime --record drive.mcap
 
@@ -97,6 +101,7 @@ def drive(
         record=record_file,
         state=state,
         quiet_zones=quiet_zones,
+        as_if_now=as_if_now,
     )
     _run("drive", asked, json_file)
 

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import os
 import signal
+import time
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import chain, islice
 from pathlib import Path
 from secrets import token_hex
@@ -41,9 +42,13 @@ from vehicle_client.recording.drive_recorder import DriveRecorder, RecordingErro
 from vehicle_client.session import Camera, Listener, drive_along, preparing, windshield
 from vehicle_client.sources.frame import LidarFrame, SourceError
 from vehicle_client.sources.opening import CountingSource, SourceOptions, open_source
+from vehicle_client.sources.shifting import begun_at
 from vehicle_client.totals import Totals
 
 API_KEY_VARIABLE = "HEADSUP_API_KEY"
+
+FAST_DRIVE_S = 3 * 3600.0
+"""A recording that is driven through faster than it was made must not run into the future: it begins so long ago."""
 
 TRIED_FRAMES = 10
 """Sweeps in which the sensor's height is looked for, when nobody has said it."""
@@ -69,6 +74,7 @@ class Asked:
     record: Path | None = None
     state: Path | None = None
     quiet_zones: Path | None = None
+    as_if_now: bool = False
 
     @property
     def is_live(self) -> bool:
@@ -121,6 +127,8 @@ def run(asked: Asked) -> Outcome:
 def _run(asked: Asked) -> Outcome:
     source = open_source(asked.source, SourceOptions(asked.rate_hz, ego=asked.ego, topics=_topics(asked.topics)))
     frames: Iterator[LidarFrame] = iter(source)
+    if asked.as_if_now:
+        frames = begun_at(frames, time.time() - (0.0 if asked.is_realtime else FAST_DRIVE_S))
     car, frames = _car(asked, frames)
     totals = Totals()
     with ExitStack() as stack:
@@ -146,7 +154,11 @@ def _run(asked: Asked) -> Outcome:
         last = drive_along(paced, vehicle, totals, listeners)
         if store is not None and last is not None:
             store.save(vehicle.known, last.frame.stamp_s)
-    status = None if link is None else link.status
+        status = None if link is None else link.status
+    if link is not None and status is not None:
+        # What the end of the link still brought.
+        totals.answers.update(result.status.value for result in link.deliver())
+        status = replace(status, waiting=link.status.waiting)
     return Outcome(asked, totals, source.skipped, paced.dropped, status, None if recorder is None else recorder.stopped)
 
 

@@ -219,6 +219,8 @@ class Vehicle:
         report = reporting.compose_report(
             uuid4(), here, told, verdicts, pseudonym=self._pseudonym, sensor=self._calibration.sensor
         )
+        if not report.detections and not report.inspections:
+            return ()
         self._waiting[report.report_id] = report
         if len(self._waiting) > MOST_WAITING:
             self._waiting.popitem(last=False)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import logging
+import math
 from collections.abc import Sequence
 from dataclasses import replace
 from datetime import UTC, datetime
@@ -26,6 +28,8 @@ from vehicle_client.alignment import Alignment
 from vehicle_client.frames import GeoOrigin, apply, axis_yaw, inverse, yaw_of
 from vehicle_client.obstacle_map import stored_sd_m
 from vehicle_client.pose import Pose
+
+_LOG = logging.getLogger(__name__)
 
 ESTIMATOR = "ray-contour:2"
 """Name and version of the estimator of `detector.shape`; the server compares only what was measured alike."""
@@ -81,7 +85,7 @@ def compose_report(
                 east_north_m2=float(pose.covariance_m2[0, 1]),
             ),
         ),
-        detections=tuple(detection_of(obstacle, pose) for obstacle in measured),
+        detections=detections_of(measured, pose),
         inspections=tuple(
             Inspection(obstacle_id=i, outcome=Outcome(v.outcome), visible_fraction=v.visible_fraction)
             for i, v in verdicts
@@ -89,8 +93,20 @@ def compose_report(
     )
 
 
+def detections_of(measured: Sequence[DetectedObstacle], pose: Pose) -> tuple[Detection, ...]:
+    """Those that the contract takes; one that it does not is left out with a warning, and does not stop the car."""
+    detections = []
+    for obstacle in measured:
+        try:
+            detections.append(detection_of(obstacle, pose))
+        except (ValueError, OverflowError) as error:  # pydantic's are values' errors too; NaN and infinity are
+            _LOG.warning("a measured obstacle cannot be reported: %s", " ".join(str(error).split())[:200])
+    return tuple(detections)
+
+
 def detection_of(obstacle: DetectedObstacle, pose: Pose) -> Detection:
     """A measured obstacle in `odom` as the contract's detection: east, north, up from the car."""
+    obstacle = _longer_first(obstacle)
     turn = pose.enu_from_odom[:3, :3]
     # Through WGS 84, since the report is relative to the car, and its horizon is not that of the drive's origin.
     offset = GeoOrigin(pose.position, pose.altitude_m).enu(
@@ -134,4 +150,18 @@ def detection_of(obstacle: DetectedObstacle, pose: Pose) -> Detection:
             name=obstacle.descriptor.name, version=obstacle.descriptor.version, values=obstacle.descriptor.values
         ),
         points_cm=tuple((int(e), int(n), int(u)) for e, n, u in points_cm),
+    )
+
+
+def _longer_first(obstacle: DetectedObstacle) -> DetectedObstacle:
+    """The obstacle with the longer side as its length: sides are estimated apart, and nearly round ones cross over."""
+    if obstacle.length_m >= obstacle.width_m:
+        return obstacle
+    return replace(
+        obstacle,
+        length_m=obstacle.width_m,
+        width_m=obstacle.length_m,
+        ln_length_sd=obstacle.ln_width_sd,
+        ln_width_sd=obstacle.ln_length_sd,
+        yaw_rad=axis_yaw(obstacle.yaw_rad + math.pi / 2),
     )

@@ -146,6 +146,23 @@ def test_a_report_says_when_and_from_where_and_how_unsure() -> None:
     ]
 
 
+def test_the_longer_side_is_the_length_whichever_the_estimator_calls_so() -> None:
+    usual, turned = seen(yaw_rad=0.3), seen(length_m=0.7, width_m=0.9, yaw_rad=0.3 + math.pi / 2)
+    turned = replace(turned, ln_length_sd=usual.ln_width_sd, ln_width_sd=usual.ln_length_sd)
+    one, other = (detection_of(obstacle, pose_at()) for obstacle in (usual, turned))
+    assert (one.box.length_mm, one.box.width_mm, one.box_sd) == (other.box.length_mm, other.box.width_mm, other.box_sd)
+    assert math.remainder(one.box.yaw_rad - other.box.yaw_rad, math.pi) == pytest.approx(0)
+
+
+@pytest.mark.parametrize("broken", [{"relief_m": math.nan}, {"volume_m3": -1.0}, {"ln_area_sd": math.inf}])
+def test_what_the_contract_refuses_is_left_out_and_the_rest_is_reported(
+    broken: dict[str, float], caplog: pytest.LogCaptureFixture
+) -> None:
+    report = report_of(pose_at(), replace(seen(), **broken), seen(12.0))
+    assert len(report.detections) == 1
+    assert "cannot be reported" in caplog.text
+
+
 def test_far_from_where_the_drive_began_up_is_the_car_s_own() -> None:
     # 100 km on, the horizon has turned by 0.9 degrees and the drive's plane is 785 m off.
     altitude_m = ORIGIN.geodetic(np.array([100_000.0, 0.0, 0.0]))[1]
