@@ -143,18 +143,31 @@ class TcpCarrier:
         """Whole messages, and None in between."""
         failures = 0
         while not closing.is_set():
-            try:
-                with socket.create_connection(self._address, timeout=SILENT_AFTER_S) as stream:
-                    stream.settimeout(LISTEN_S)
-                    for message in self._read(stream, closing):
+            stream = self._connected(failures)
+            if stream is None:
+                yield None
+            else:
+                with stream:
+                    for message in self._until_it_breaks(stream, closing):
                         failures = 0 if message is not None else failures
                         yield message
-            except OSError as error:
-                if failures == 0:
-                    self._complaints.add(f"tcp://{self._address[0]}:{self._address[1]}: {error}; trying again")
-                yield None
             closing.wait(BACK_OFF_S[min(failures, len(BACK_OFF_S) - 1)])
             failures += 1
+
+    def _connected(self, failures: int) -> socket.socket | None:
+        try:
+            return socket.create_connection(self._address, timeout=SILENT_AFTER_S)
+        except OSError as error:
+            if failures == 0:
+                LOG.warning("tcp://%s:%d: %s; trying again", *self._address, error)
+            return None
+
+    def _until_it_breaks(self, stream: socket.socket, closing: threading.Event) -> Iterator[tuple[Head, bytes] | None]:
+        stream.settimeout(LISTEN_S)
+        try:
+            yield from self._read(stream, closing)
+        except OSError as error:
+            self._complaints.add(f"tcp://{self._address[0]}:{self._address[1]}: {error}; trying again")
 
     def _read(self, stream: socket.socket, closing: threading.Event) -> Iterator[tuple[Head, bytes] | None]:
         """Messages of one connection; `OSError` when it ends, says nothing for long or makes no sense."""
