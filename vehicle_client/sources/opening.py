@@ -61,6 +61,16 @@ KNOWN = (
     + "), udp://host:port or tcp://host:port"
 )
 
+DRIVES_WITHIN = (
+    "sequences/*/velodyne",
+    f"*/{SWEEPS}",
+    f"*/*/{SWEEPS}",
+    "*/recording.json",
+    "*/metadata.yaml",
+    "*/*.mcap",
+)
+"""What tells that a folder is one of drives."""
+
 SQLITE, ROSBAG = b"SQLite format 3\0", b"#ROSBAG V"
 
 
@@ -110,9 +120,9 @@ def _open_folder(folder: Path, asked: SourceOptions) -> CountingSource:
         return _open_ros2(folder, asked)
     if cloud_files(folder):
         return CloudFolder(folder, asked.rate_hz, asked.start_s)
-    sequences = sorted(p for p in folder.glob("sequences/*") if (p / "velodyne").is_dir())
-    if sequences:
-        raise SourceError(f"{folder}: holds {len(sequences)} KITTI sequences; name one, such as {sequences[0]}")
+    within = sorted(p.parent for pattern in DRIVES_WITHIN for p in folder.glob(pattern))
+    if within:
+        raise SourceError(f"{folder}: holds {len(within)} drives; name one, such as {within[0]}")
     raise SourceError(f"{folder}: not a drive; expected {KNOWN}")
 
 

@@ -1,11 +1,12 @@
 from __future__ import annotations
 
 import math
+import shutil
 from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from contract.geometry import LatLon
@@ -132,3 +133,22 @@ def test_numbers_are_as_many_as_asked_for_and_finite(values: list[float], count:
     found = numbers_of(" ".join(map(repr, values)), count)
     good = len(values) == count and all(map(math.isfinite, values))
     assert (found is not None) == good
+
+
+@settings(max_examples=40, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(data=st.data())
+def test_whatever_is_corrupt_stamps_rise_and_nothing_else_is_raised(tmp_path: Path, data: st.DataObject) -> None:
+    shutil.rmtree(tmp_path / "drive", ignore_errors=True)
+    drive = write_raw(tmp_path / "drive", KARLSRUHE, frames=3)
+    files = sorted(p for p in drive.rglob("*") if p.is_file())
+    for _ in range(data.draw(st.integers(1, 4))):
+        path = data.draw(st.sampled_from(files))
+        corrupt = bytearray(path.read_bytes())
+        at = data.draw(st.integers(0, max(0, len(corrupt) - 1)))
+        corrupt[at : at + 8] = data.draw(st.binary(max_size=12))
+        path.write_bytes(corrupt)
+    try:
+        stamps = [frame.stamp_s for frame in KittiRaw(drive)]
+    except SourceError:
+        return
+    assert all(np.diff(stamps) > 0)

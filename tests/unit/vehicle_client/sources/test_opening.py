@@ -63,10 +63,18 @@ def test_what_is_no_drive_is_refused_with_what_was_expected(tmp_path: Path, name
         open_source(tmp_path / name)
 
 
-def test_the_odometry_data_set_asks_for_one_of_its_sequences(tmp_path: Path) -> None:
-    write_odometry(tmp_path)
-    with pytest.raises(SourceError, match=r"name one, such as .*sequences/07"):
-        open_source(tmp_path)
+def test_a_folder_of_drives_asks_for_one_of_them(tmp_path: Path) -> None:
+    write_odometry(tmp_path / "odometry")
+    write_raw(tmp_path / "raw", KARLSRUHE)
+    write_recording(tmp_path / "runs/0001", frames=1, egos=1, names=(LIDAR, GNSS), mcap=False)
+    for place, one in (
+        ("odometry", "sequences/07"),
+        ("raw", "2011_09_26/2011_09_26_drive_0001_sync"),
+        ("raw/2011_09_26", "2011_09_26_drive_0001_sync"),
+        ("runs", "0001"),
+    ):
+        with pytest.raises(SourceError, match=f"holds 1 drives; name one, such as {tmp_path / place / one}"):
+            open_source(tmp_path / place)
 
 
 @pytest.mark.parametrize("rate_hz", [0.0, -1.0, float("nan"), 1e9])
