@@ -23,6 +23,7 @@ from vehicle_client.sources.kitti_text import (
     read_stamps,
     rigid_of,
 )
+from vehicle_client.sources.number_text import parse_numbers
 from vehicle_client.sources.pictures import read_picture
 from vehicle_client.sources.readings import Picture
 
@@ -42,7 +43,7 @@ class KittiRaw:
 
     def __init__(self, folder: Path) -> None:
         self._complaints = Complaints()
-        self._sweeps = self._stamped(folder / SWEEPS, "bin")
+        self._sweeps = self._stamped(folder / SWEEPS, "bin") or self._stamped(folder / SWEEPS, "txt")
         if not self._sweeps:
             raise SourceError(f"{folder}: expected sweeps {SWEEPS}/data/NNNNNNNNNN.bin with a line of timestamps each")
         camera = next((c for c in CAMERAS if (folder / c / "timestamps.txt").is_file()), None)
@@ -79,7 +80,7 @@ class KittiRaw:
 
     def _sweep(self, assembler: Assembler, stamp_s: float, path: Path) -> LidarFrame | None:
         try:
-            cloud = read_cloud(path)
+            cloud = read_cloud(path) if path.suffix == ".bin" else read_text_scan(path)
         except SourceError as error:
             self._complaints.add(str(error))
             return None
@@ -103,6 +104,18 @@ class KittiRaw:
             else:
                 found.append((stamp_s, path))
         return sorted(found)
+
+
+def read_text_scan(path: Path) -> LidarFrame:
+    """A sweep of an `_extract` drive: a line of x, y, z, reflectance a point; `SourceError` if it is not whole."""
+    try:
+        values = parse_numbers(path.read_bytes())
+    except OSError as error:
+        raise SourceError(f"{path}: cannot be read: {error.strerror}") from error
+    if values is None or not len(values) or len(values) % 4:
+        raise SourceError(f"{path}: expected lines of four numbers: x, y, z, reflectance")
+    rows = values.reshape(-1, 4)
+    return LidarFrame(0.0, rows[:, :3].copy(), intensity=rows[:, 3].copy())
 
 
 AT_ONCE_S = 0.02

@@ -15,6 +15,8 @@ from tests.unit.vehicle_client.sources.kitti_files import (
     SPEED_MPS,
     START_S,
     cloud,
+    oxts_line,
+    stamp,
     write_odometry,
     write_raw,
 )
@@ -23,6 +25,7 @@ from vehicle_client.sources.frame import SourceError
 from vehicle_client.sources.kitti_odometry import KittiOdometry
 from vehicle_client.sources.kitti_raw import KittiRaw
 from vehicle_client.sources.kitti_text import numbers_of, stamp_of
+from vehicle_client.sources.opening import open_source
 
 KARLSRUHE = GeoOrigin(LatLon(latitude_deg=49.015, longitude_deg=8.4342), 116.0)
 
@@ -37,6 +40,24 @@ def test_a_raw_drive_gives_sweeps_pictures_and_stamps(tmp_path: Path) -> None:
     assert [int(f.image[0, 0, 0]) for f in frames] == [40, 41, 42, 43]
     assert frames[1].image_stamp_s == pytest.approx(START_S + 0.1, abs=1e-6)
     assert source.skipped == 0
+
+
+def test_a_drive_as_it_was_before_synchronisation_has_sweeps_as_text_and_many_fixes(tmp_path: Path) -> None:
+    drive = write_raw(tmp_path, KARLSRUHE, frames=3)
+    for path in (drive / "velodyne_points/data").glob("*.bin"):
+        rows = np.fromfile(path, "<f4").reshape(-1, 4)
+        path.with_suffix(".txt").write_text("\n".join(" ".join(f"{v:.3f}" for v in row) for row in rows) + "\n")
+        path.unlink()
+    (drive / "velodyne_points/data/0000000001.txt").write_text("1.0 2.0 3.0")
+    (drive / "oxts/timestamps.txt").write_text("".join(stamp(START_S + 0.01 * i) for i in range(21)))
+    for index in range(21):
+        (drive / f"oxts/data/{index:010d}.txt").write_text(oxts_line(KARLSRUHE, index))
+    source = open_source(drive)
+    first, last = source
+    assert first.points_m == pytest.approx(cloud(0)[:, :3], abs=6e-4)
+    assert (len(first.motions), len(last.motions)) == (1, 20)
+    assert last.gnss.stamp_s == pytest.approx(START_S + 0.2, abs=1e-6)
+    assert source.skipped == 1
 
 
 def test_its_fix_is_that_of_the_road_below_the_lidar(tmp_path: Path) -> None:
