@@ -97,6 +97,8 @@ class Outcome:
     """Frames, pictures and lines that the source could not use."""
     dropped: int
     """Frames that came faster than they were taken."""
+    stalls: int
+    """How often the recording could not be read at its pace."""
     link: LinkStatus | None
     recording_stopped: str | None
 
@@ -159,7 +161,15 @@ def _run(asked: Asked) -> Outcome:
         # What the end of the link still brought.
         totals.answers.update(result.status.value for result in link.deliver())
         status = replace(status, waiting=link.status.waiting)
-    return Outcome(asked, totals, source.skipped, paced.dropped, status, None if recorder is None else recorder.stopped)
+    return Outcome(
+        asked,
+        totals,
+        source.skipped,
+        paced.dropped,
+        paced.stalls,
+        status,
+        None if recorder is None else recorder.stopped,
+    )
 
 
 def _topics(given: Sequence[str]) -> dict[str, str]:

@@ -17,6 +17,7 @@ def as_json(outcome: Outcome) -> str:
     said = {
         "source": outcome.asked.source,
         "dropped": outcome.dropped,
+        "stalls": outcome.stalls,
         "skipped": outcome.skipped,
         "link": None
         if link is None
@@ -37,6 +38,8 @@ def show(outcome: Outcome) -> None:
 def _lines(outcome: Outcome) -> Iterator[tuple[str, str]]:
     totals = outcome.totals
     yield "frames", _with(totals.frames, {"dropped": outcome.dropped, "no sweep": totals.unusable})
+    if outcome.stalls:
+        yield "times that reading was too slow", str(outcome.stalls)
     if outcome.skipped:
         yield "not usable in the source", str(outcome.skipped)
     if totals.no_road:

@@ -158,10 +158,15 @@ class Vehicle:
         return replace(last, measured=measured, reports=reports, answers=answers, told=())
 
     def _found(self, sweep: DetectorInput, detection: FrameDetection, stamp_s: float) -> tuple[DetectedObstacle, ...]:
-        """What the last sweeps show together, taken into the tracks; without odometry what this one shows."""
+        """What the last sweeps show together, taken into the tracks.
+
+        Without odometry, and while the car stands, what this one shows: the same look again makes nothing surer.
+        """
         if sweep.odom_from_sensor is None:
             return detection.obstacles
-        self._accumulator = accumulate(self._accumulator, sweep, detection)
+        before, self._accumulator = self._accumulator, accumulate(self._accumulator, sweep, detection)
+        if self._accumulator is before:
+            return detection.obstacles
         has_road = detection.corridor is not None
         found = detect_over_frames(self._accumulator, sweep, detection) if has_road else ()
         self._tracks = tracking.update(self._tracks, found, sweep.odom_from_sensor, stamp_s)

@@ -20,6 +20,10 @@ T = TypeVar("T")
 MOST_WAITING = 2
 """Frames between two threads: one that is waited for, and one more against jitter; each costs its age."""
 
+MOST_BEHIND_S = 0.5
+"""A recording that is read later than this comes from a slow disk, or another program has the processor: no sensor
+would have waited."""
+
 _LOOK_S = 0.2
 """How often a thread that waits looks whether the drive has ended."""
 
@@ -98,6 +102,8 @@ class Paced(Generic[T]):
     ) -> None:
         self._source, self._prepare = source, prepare
         self._is_held = realtime and is_recorded
+        self.stalls = 0
+        """How often a recording was read more slowly than it was made, and its clock set anew."""
         self._read: Queue[tuple[LidarFrame, float]] = Queue(drops=realtime)
         self._ready: Queue[Ready[T]] = Queue(drops=realtime)
         self._ends = threading.Event()
@@ -136,7 +142,9 @@ class Paced(Generic[T]):
             begun: tuple[float, float] | None = None
             for frame in self._source:
                 now_s = time.monotonic()
-                begun = begun or (now_s, frame.stamp_s)
+                if begun is None or now_s - begun[0] - (frame.stamp_s - begun[1]) > MOST_BEHIND_S:
+                    self.stalls += begun is not None and self._is_held
+                    begun = now_s, frame.stamp_s
                 due_s = begun[0] + frame.stamp_s - begun[1] if self._is_held else now_s
                 if due_s > now_s:
                     self._ends.wait(due_s - now_s)

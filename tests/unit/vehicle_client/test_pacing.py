@@ -1,0 +1,93 @@
+"""Pace: nothing of a recording is lost that nobody waits for, and of a sensor's sweeps the latest are taken."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Iterator
+
+import numpy as np
+import pytest
+
+from vehicle_client.pacing import MOST_WAITING, Paced, Queue
+from vehicle_client.sources.frame import LidarFrame
+
+
+def frames(number: int, step_s: float = 0.01) -> Iterator[LidarFrame]:
+    for index in range(number):
+        yield LidarFrame(1_000.0 + index * step_s, np.zeros((1, 3), dtype=np.float32))
+
+
+def numbered(frame: LidarFrame) -> tuple[LidarFrame, int]:
+    return frame, round((frame.stamp_s - 1_000.0) / 0.01)
+
+
+def test_at_the_drive_s_pace_every_frame_comes_in_order() -> None:
+    with Paced(frames(200), numbered, realtime=False, is_recorded=True) as paced:
+        assert [ready.known for ready in paced] == list(range(200))
+        assert paced.dropped == 0
+
+
+def test_a_drive_that_is_too_slow_gets_the_latest_frames_and_knows_how_many_it_missed() -> None:
+    taken = []
+    with Paced(frames(60), numbered, realtime=True, is_recorded=True) as paced:
+        for ready in paced:
+            taken.append(ready.known)
+            time.sleep(0.05)
+        assert taken == sorted(set(taken))
+        assert taken[-1] == 59
+        assert paced.dropped == 60 - len(taken) > 0
+
+
+def test_a_recording_is_held_back_to_its_own_pace() -> None:
+    with Paced(frames(5, step_s=0.05), numbered, realtime=True, is_recorded=True) as paced:
+        complete_s = [ready.complete_s for ready in paced]
+    assert complete_s[-1] - complete_s[0] == pytest.approx(0.2, abs=1e-6)
+
+
+def test_a_recording_that_is_read_too_slowly_starts_its_clock_anew() -> None:
+    def slow() -> Iterator[LidarFrame]:
+        for frame in frames(3):
+            yield frame
+            time.sleep(0.6)
+
+    with Paced(slow(), numbered, realtime=True, is_recorded=True) as paced:
+        ages_s = [time.monotonic() - ready.complete_s for ready in paced]
+        assert paced.stalls == 2
+    assert max(ages_s) < 0.5
+
+
+@pytest.mark.parametrize("where", ["source", "prepare"])
+def test_what_fails_in_a_thread_is_told_to_whoever_takes_the_frames(where: str) -> None:
+    def source() -> Iterator[LidarFrame]:
+        yield from frames(3)
+        if where == "source":
+            raise ValueError("source")
+
+    def prepare(frame: LidarFrame) -> tuple[LidarFrame, int]:
+        if where == "prepare" and frame.stamp_s > 1_000.015:
+            raise ValueError("prepare")
+        return numbered(frame)
+
+    with Paced(source(), prepare, realtime=False, is_recorded=True) as paced, pytest.raises(ValueError, match=where):
+        for _ in paced:
+            pass
+
+
+@pytest.mark.parametrize("realtime", [False, True])
+def test_a_drive_that_stops_early_leaves_no_thread_behind(realtime: bool) -> None:
+    before = threading.active_count()
+    with Paced(frames(10_000), numbered, realtime=realtime, is_recorded=True) as paced:
+        for ready in paced:
+            if ready.known > 3:
+                paced.stop()
+    assert threading.active_count() == before
+
+
+def test_a_queue_that_drops_keeps_the_latest() -> None:
+    queue: Queue[int] = Queue(drops=True)
+    for number in range(10):
+        queue.put(number)
+    queue.end()
+    assert list(queue) == list(range(10 - MOST_WAITING, 10))
+    assert queue.dropped == 10 - MOST_WAITING
