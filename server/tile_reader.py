@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Mapping, Sequence
 from datetime import UTC, datetime, timedelta
 from uuid import UUID
 
-from sqlalchemy import bindparam, select
+from sqlalchemy import and_, bindparam, func, select
 from sqlalchemy.ext.asyncio import AsyncConnection
 
 from contract.observation import State
@@ -18,7 +19,6 @@ from server.features import feature_of
 from server.identity import shard_of_id
 from server.policy import Life
 from server.quadkey import cell_of, cells_of_tile, shard_of_tile, tile_of_cell
-from server.statements import numbered, padded, tile_versions
 from server.tile_cache import Served, TileChange, TileFeatures
 
 Versions = Mapping[int, int]
@@ -33,6 +33,13 @@ _VERSION = select(tables.tile.c.version).where(
     tables.tile.c.shard == bindparam("shard"), tables.tile.c.tile == bindparam("tile")
 )
 _VERSIONS = "SELECT tile, version FROM tile WHERE shard = ANY($1::int2[]) AND tile = ANY($2::int8[])"
+# Of SQLite: shards and tiles as one parameter. Near 85 degrees a circle has hundreds of tiles, and a statement with as
+# many parameters takes SQLAlchemy seconds to make, during which nobody is served.
+_WANTED = func.json_each(bindparam("wanted")).table_valued("value")
+_WANTED_SHARD, _WANTED_TILE = (func.json_extract(_WANTED.c.value, place) for place in ("$[0]", "$[1]"))
+_VERSIONS_OF_JSON = select(tables.tile.c.tile, tables.tile.c.version).select_from(
+    _WANTED.join(tables.tile, and_(tables.tile.c.shard == _WANTED_SHARD, tables.tile.c.tile == _WANTED_TILE))
+)
 # The texts as they are served, and no more: shapes with their points are ten times as long.
 _SERVED = (_obstacle.c.id, _obstacle.c.revision, _obstacle.c.latitude_deg, _obstacle.c.longitude_deg)
 _LIVE = select(*_SERVED, _obstacle.c.expires_at, _obstacle.c.feature).where(
@@ -62,10 +69,9 @@ class TileReader:
         if self._database.driver is not None:
             shards = sorted({shard_of_tile(number) for number in wanted})
             return dict(await self._database.driver.fetch(_VERSIONS, shards, wanted))
-        numbers = padded(wanted)
-        values = numbered("shard", [shard_of_tile(number) for number in numbers]) | numbered("tile", numbers)
         async with self._database.read() as connection:
-            found = await connection.execute(tile_versions(len(numbers)), values)
+            values = {"wanted": json.dumps([(shard_of_tile(number), number) for number in wanted])}
+            found = await connection.execute(_VERSIONS_OF_JSON, values)
             return {row.tile: row.version for row in found}
 
     async def tile(self, tile: int) -> TileFeatures:
