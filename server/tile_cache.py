@@ -17,8 +17,6 @@ from contract.geometry import LatLon
 from server.geodesy import LocalMetric, distance_m, local_metric, mercator
 
 _TURN = 2 * math.pi
-# Of sums and products of floats, with room.
-_ROUNDING = 1e-9
 _ID_BYTES = 16
 # What a cached feature takes besides its text: a tuple of five objects, a place in the list and in the dictionary.
 _OVERHEAD_BYTES = 420
@@ -96,7 +94,8 @@ class TileFeatures:
         if turns:
             middle += turns * _TURN
         # The scale within the circle is nowhere less than this.
-        reach = circle.radius_m * (1 + _ROUNDING) / (scale_m * (1 - circle.radius_m / scale_m))
+        farthest_m = circle.radius_m + circle.metric.error_m(circle.radius_m)
+        reach = farthest_m / (scale_m - farthest_m)
         bend_m = scale_m * sine / 2
         first = bisect_left(self._norths, middle.imag - reach)
         last = bisect_right(self._norths, middle.imag + reach, first)
