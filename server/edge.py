@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import logging
-import time
 from collections.abc import Awaitable
 
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
@@ -34,7 +33,6 @@ class Edge:
         return self._app(scope, receive, send)
 
     async def _serve(self, scope: Scope, receive: Receive, send: Send) -> None:
-        begun_s = time.perf_counter()
         context = self._journal.begin(scope)
         added = headers_of(context, scope["path"])
         status = 0
@@ -57,18 +55,17 @@ class Edge:
         finally:
             # Without a status the caller has gone before the answer.
             if status:
-                self._journal.done(scope, status, time.perf_counter() - begun_s)
+                self._journal.done(scope, status)
             CURRENT.reset(before)
 
     async def _connect(self, scope: Scope, receive: Receive, send: Send) -> None:
-        begun_s = time.perf_counter()
         context = self._journal.begin(scope)
 
         def named(message: Message) -> Awaitable[None]:
             # A refusal before the socket is accepted is an ordinary answer.
             if message["type"] == "websocket.http.response.start":
                 message["headers"] = [*message["headers"], *headers_of(context, "")]
-                self._journal.done(scope, message["status"], time.perf_counter() - begun_s)
+                self._journal.done(scope, message["status"])
             return send(message)
 
         before = CURRENT.set(context)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import time
 from typing import Literal
 
 from starlette.types import Scope
@@ -18,6 +19,8 @@ _SLOW_S = 1.0
 _FAILED, _LIMITED, _BROKEN = 400, 429, 500
 # Of a path that no route has: a name that the caller cannot make up.
 _NO_ROUTE = "none"
+# Where a request keeps its name and its time, since it may be answered behind several layers.
+_CONTEXT, _BEGUN_S = "headsup.context", "headsup.begun_s"
 _METHODS = frozenset({"GET", "HEAD", "POST", "PUT", "PATCH", "DELETE", "OPTIONS"})
 
 
@@ -28,11 +31,16 @@ class Journal:
         self._counts, self._names, self._logs_all = counts, RequestNames(), log_requests == "all"
 
     def begin(self, scope: Scope) -> RequestContext:
-        """The context of a request or socket."""
-        return self._names.context(scope["headers"])
+        """The context of a request or socket: made once, and its time counts from then on."""
+        context: RequestContext | None = scope.get(_CONTEXT)
+        if context is None:
+            scope[_BEGUN_S] = time.perf_counter()
+            context = scope[_CONTEXT] = self._names.context(scope["headers"])
+        return context
 
-    def done(self, scope: Scope, status: int, took_s: float) -> None:
+    def done(self, scope: Scope, status: int) -> None:
         """Count an answer, and log it if it failed, was slow, or all are logged."""
+        took_s = time.perf_counter() - scope[_BEGUN_S]
         self._counts.observe(_method(scope), _route(scope), status, took_s)
         if status >= _FAILED or self._logs_all or took_s >= _SLOW_S:
             fields = asked(scope) | {"status": status, "duration_ms": round(1000 * took_s, 2)}
