@@ -27,7 +27,8 @@ Topics = Annotated[
     list[str] | None,
     typer.Option(
         "--topic",
-        help="ROLE=TOPIC where a bag holds several; roles: sweep, image, fix, imu, odometry, motion, velocity.",
+        help="ROLE=TOPIC where a bag holds several, ROLE= for none; roles: sweep, image, fix, imu, odometry, motion, "
+        "velocity.",
     ),
 ]
 Start = Annotated[
@@ -156,12 +157,14 @@ def _run(command: str, asked: Asked, json_file: Path | None) -> None:
         if json_file is not None and not json_file.absolute().parent.is_dir():
             raise DriveError(f"--json: there is no folder {json_file.absolute().parent}")
         outcome = run(asked)
+        show(outcome)
         if json_file is not None:
             json_file.write_text(as_json(outcome), encoding="utf-8")
+        if outcome.totals.broken_off is not None:
+            raise DriveError(f"the drive broke off: {outcome.totals.broken_off}")
     except DriveError as error:
         typer.echo(f"headsup {command}: {error}", err=True)
         raise typer.Exit(1) from None
     except OSError as error:
         typer.echo(f"headsup {command}: {error.filename or asked.source}: {error.strerror or error}", err=True)
         raise typer.Exit(1) from None
-    show(outcome)

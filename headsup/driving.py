@@ -173,10 +173,10 @@ def _run(asked: Asked) -> Outcome:
 
 
 def _topics(given: Sequence[str]) -> dict[str, str]:
-    topics = dict(item.partition("=")[::2] for item in given)
-    if unnamed := [role for role, topic in topics.items() if not topic]:
-        raise DriveError(f"--topic {unnamed[0]}: expected ROLE=TOPIC, such as sweep=/lidar/points")
-    return topics
+    """Topics by role; an empty name takes none."""
+    if wrong := [item for item in given if "=" not in item]:
+        raise DriveError(f"--topic {wrong[0]}: expected ROLE=TOPIC, such as sweep=/lidar/points, or ROLE= for none")
+    return dict(item.partition("=")[::2] for item in given)
 
 
 def _car(asked: Asked, frames: Iterator[LidarFrame]) -> tuple[CarCalibration, Iterator[LidarFrame]]:

@@ -42,6 +42,8 @@ def _lines(outcome: Outcome) -> Iterator[tuple[str, str]]:
         yield "times that reading was too slow", str(outcome.stalls)
     if outcome.skipped:
         yield "not usable in the source", str(outcome.skipped)
+    if totals.faults:
+        yield "frames in which the program failed", str(totals.faults)
     if totals.no_road:
         yield "frames that show no road", str(totals.no_road)
     yield "frames with a place", _with(totals.placed, totals.reasons)

@@ -13,6 +13,7 @@ from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from typing import Generic, TypeVar
 
+from vehicle_client.faults import Faults
 from vehicle_client.sources.frame import LidarFrame
 
 T = TypeVar("T")
@@ -88,7 +89,8 @@ class Queue(Generic[T]):
 class Paced(Generic[T]):
     """The frames of a source, prepared, as a context manager: its threads end with the block.
 
-    `prepare` is called once for each frame, in their order, by one thread. `realtime` keeps the sensor's pace;
+    `prepare` is called once for each frame, in their order, by one thread; a frame in which it fails is left out and
+    counted in `faults`. `realtime` keeps the sensor's pace;
     `is_recorded` then holds each frame back until as long after the first one as its stamp says.
     """
 
@@ -104,6 +106,7 @@ class Paced(Generic[T]):
         self._is_held = realtime and is_recorded
         self.stalls = 0
         """How often a recording was read more slowly than it was made, and its clock set anew."""
+        self.faults = Faults()
         self._read: Queue[tuple[LidarFrame, float]] = Queue(drops=realtime)
         self._ready: Queue[Ready[T]] = Queue(drops=realtime)
         self._ends = threading.Event()
@@ -160,7 +163,12 @@ class Paced(Generic[T]):
     def _preparing(self) -> None:
         try:
             for frame, complete_s in self._read:
-                prepared, known = self._prepare(frame)
+                try:
+                    prepared, known = self._prepare(frame)
+                except Exception as error:  # a fault in one frame ends no drive; too many in a row are raised
+                    self.faults.add(error)
+                    continue
+                self.faults.end_row()
                 self._ready.put(Ready(prepared, known, complete_s))
         except Exception as error:  # told to whoever takes the frames
             self._ready.end(error)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,9 +14,10 @@ from vehicle_client.ar.renderer import draw
 from vehicle_client.calibration import CameraCalibration
 from vehicle_client.calibration_file import CarCalibration
 from vehicle_client.drive import Step, Vehicle, driver_scene
+from vehicle_client.faults import Faults
 from vehicle_client.pacing import Paced, Ready
 from vehicle_client.preparation import Preparation
-from vehicle_client.sources.frame import LidarFrame
+from vehicle_client.sources.frame import LidarFrame, SourceError
 from vehicle_client.totals import Totals
 
 _LOG = logging.getLogger(__name__)
@@ -43,22 +44,50 @@ def preparing(car: CarCalibration) -> Callable[[LidarFrame], tuple[LidarFrame, C
 def drive_along(paced: Paced[Camera], vehicle: Vehicle, totals: Totals, listeners: Sequence[Listener]) -> Step | None:
     """Drive until the source ends; the last step, with what the end of the drive brought, None without a usable frame.
 
-    A frame that cannot be a sweep is skipped, said once, and counted.
+    A frame that cannot be a sweep is skipped, said once, and counted; so is one in which the program fails, until too
+    many fail in a row (`vehicle_client.faults`). A source that fails ends the drive as its end would, and
+    `totals.broken_off` says why.
     """
     last: Step | None = None
-    for ready in paced:
+    faults = Faults()
+    frames = iter(paced)
+    while (ready := _next(frames, totals)) is not None:
         try:
-            last = vehicle.step(ready.frame)
+            last = _taken_in(ready, vehicle, totals)
+            for listen in listeners:
+                listen(last, ready)
         except DetectorError as error:
             totals.unusable += 1
             _LOG.log(logging.WARNING if totals.unusable == 1 else logging.DEBUG, "a frame is skipped: %s", error)
-            continue
-        totals.latency.observe(time.monotonic() - ready.complete_s)
-        totals.add(last)
-        for listen in listeners:
-            listen(last, ready)
-    if last is None:
+        except Exception as error:  # a fault in one frame ends no drive; too many in a row are raised
+            faults.add(error)
+        else:
+            faults.end_row()
+    try:
+        return None if last is None else _finished(last, vehicle, totals)
+    except Exception as error:  # what the drive came to is told all the same
+        faults.add(error)
+        return last
+    finally:
+        totals.faults = faults.total + paced.faults.total
+
+
+def _next(frames: Iterator[Ready[Camera]], totals: Totals) -> Ready[Camera] | None:
+    try:
+        return next(frames, None)
+    except (SourceError, OSError) as error:
+        totals.broken_off = str(error)
         return None
+
+
+def _taken_in(ready: Ready[Camera], vehicle: Vehicle, totals: Totals) -> Step:
+    step = vehicle.step(ready.frame)
+    totals.latency.observe(time.monotonic() - ready.complete_s)
+    totals.add(step)
+    return step
+
+
+def _finished(last: Step, vehicle: Vehicle, totals: Totals) -> Step:
     end = vehicle.finish(last)
     totals.add_told(end)
     return end

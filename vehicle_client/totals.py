@@ -42,6 +42,10 @@ class Totals:
     frames: int = 0
     unusable: int = 0
     """Frames whose points cannot be a sweep."""
+    faults: int = 0
+    """Frames in which the program failed."""
+    broken_off: str | None = None
+    """Why the source could not be read to its end."""
     no_road: int = 0
     """Frames that show no road: that nothing is found there says nothing."""
     placed: int = 0
@@ -105,7 +109,19 @@ class Totals:
 
     def as_json(self) -> dict[str, Any]:
         """All counts, and the latency's percentiles."""
-        names = ("frames", "unusable", "no_road", "placed", "detections", "found", "tracks", "moving", "reports")
+        names = (
+            "frames",
+            "unusable",
+            "faults",
+            "broken_off",
+            "no_road",
+            "placed",
+            "detections",
+            "found",
+            "tracks",
+            "moving",
+            "reports",
+        )
         counted = {name: getattr(self, name) for name in (*names, "reported", "warned")}
         by_name = ("reasons", "measured", "inspected", "answers")
         latency = {f"p{percent}_ms": self.latency.percentile_ms(percent) for percent in (50, 95, 99)}

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 
 import numpy as np
 import pytest
 
+from vehicle_client.faults import MOST_IN_A_ROW
 from vehicle_client.pacing import MOST_WAITING, Paced, Queue
 from vehicle_client.sources.frame import LidarFrame
 
@@ -57,21 +58,44 @@ def test_a_recording_that_is_read_too_slowly_starts_its_clock_anew() -> None:
     assert max(ages_s) < 0.5
 
 
-@pytest.mark.parametrize("where", ["source", "prepare"])
-def test_what_fails_in_a_thread_is_told_to_whoever_takes_the_frames(where: str) -> None:
+def test_what_fails_in_the_source_is_told_to_whoever_takes_the_frames() -> None:
     def source() -> Iterator[LidarFrame]:
         yield from frames(3)
-        if where == "source":
-            raise ValueError("source")
+        raise ValueError("source")
 
-    def prepare(frame: LidarFrame) -> tuple[LidarFrame, int]:
-        if where == "prepare" and frame.stamp_s > 1_000.015:
-            raise ValueError("prepare")
-        return numbered(frame)
-
-    with Paced(source(), prepare, realtime=False, is_recorded=True) as paced, pytest.raises(ValueError, match=where):
+    with (
+        Paced(source(), numbered, realtime=False, is_recorded=True) as paced,
+        pytest.raises(ValueError, match="source"),
+    ):
         for _ in paced:
             pass
+
+
+def failing_in(numbers: range) -> Callable[[LidarFrame], tuple[LidarFrame, int]]:
+    def prepare(frame: LidarFrame) -> tuple[LidarFrame, int]:
+        ready = numbered(frame)
+        if ready[1] in numbers:
+            raise ValueError("prepare")
+        return ready
+
+    return prepare
+
+
+def test_a_frame_whose_preparation_fails_is_left_out_logged_once_and_counted(caplog: pytest.LogCaptureFixture) -> None:
+    wrong = range(3, 3 + MOST_IN_A_ROW - 1)
+    with Paced(frames(60), failing_in(wrong), realtime=False, is_recorded=True) as paced:
+        assert [ready.known for ready in paced] == [number for number in range(60) if number not in wrong]
+    assert paced.faults.total == len(wrong)
+    (said,) = caplog.records
+    assert said.exc_info is not None
+
+
+def test_what_fails_for_too_many_frames_in_a_row_is_told_to_whoever_takes_them() -> None:
+    with (
+        Paced(frames(60), failing_in(range(3, 60)), realtime=False, is_recorded=True) as paced,
+        pytest.raises(ValueError, match="prepare"),
+    ):
+        assert len(list(paced)) == 3
 
 
 @pytest.mark.parametrize("realtime", [False, True])
