@@ -61,13 +61,13 @@ def drive_on(world: World, from_x_m: float, to_x_m: float, speed_mps: float, see
 
 
 def _rig() -> SensorRig:
-    """The paper's LiDAR; a receiver whose antenna's place is already taken out, with one bias a drive; a compass."""
+    """The paper's LiDAR, turning as it drives; a receiver at the vehicle's origin with one bias a drive; a compass."""
     lidar, gnss, imu = (SensorName(f"sensor.{kind}", "") for kind in ("lidar.ray_cast", "other.gnss", "other.imu"))
     receiver = GnssModel((1.0, 1.0, 1.5), noise_sd_m=(0.1, 0.1, 0.15))
     compass = ImuModel(compass_sd_rad=math.radians(0.3))
     return SensorRig(
         (
-            RigSensor(lidar, LidarModel(), pose(0.0, 0.0, LIDAR_HEIGHT_M), 0.0, {}),
+            RigSensor(lidar, LidarModel(rolling=True), pose(0.0, 0.0, LIDAR_HEIGHT_M), 0.0, {}),
             RigSensor(gnss, receiver, np.eye(4), 0.0, {}),
             RigSensor(imu, compass, np.eye(4), 0.0, {}),
         )
@@ -83,6 +83,7 @@ def frame_of(moment: EgoFrame, started_s: float) -> LidarFrame:
         stamp_s=started_s + moment.time_s,
         points_m=lidar.sweep.points_m,
         ring=lidar.sweep.ring,
+        point_time_s=lidar.sweep.time_offset_s,
         odom_from_vehicle=moment.odom_from_vehicle,
         gnss=fix_of(fixes[-1], inertia) if fixes else None,
         steering_rad=moment.steering_rad,

@@ -35,8 +35,10 @@ from simulator.relief import Relief
 from simulator.scan import find_scans, load_scan
 from simulator.street import Street, fill, first_light_street, grow
 from simulator.world import World
+from vehicle_client.calibration_file import CarCalibration
 from vehicle_client.drive import Step, Vehicle, driver_scene
 from vehicle_client.link import ServerLink
+from vehicle_client.preparation import Preparation
 
 SPEED_MPS = 50 / 3.6
 """The speed limit of a town."""
@@ -142,10 +144,11 @@ def _drive(act: Act, stage: Stage, key: str, seed: int) -> DriveRecord:
     record = DriveRecord(act.car, act.street, calibration(), SPEED_MPS)
     with ServerLink(stage.server.url, key, stage.folder / f"{act.car}.sqlite3") as link:
         vehicle = Vehicle(record.calibration, link, pseudonym=act.car)
+        preparation = Preparation(CarCalibration(record.calibration))
         step: Step | None = None
         for frame in stage.reporter.track(source, act.car):
             stage.server.ensure_alive()
-            step = vehicle.step(frame)
+            step = vehicle.step(preparation.prepared(frame))
             _keep(act, stage, record, step, source.moment, world)
         if step is not None:
             record.note_answers(vehicle.finish(step).answers)
