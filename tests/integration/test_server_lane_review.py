@@ -129,6 +129,14 @@ async def test_a_number_is_taken_or_refused_by_both_ways_alike(client: httpx.Asy
     assert statuses == {200, 422}
 
 
+async def test_a_body_that_nobody_asked_for_is_limited_like_any_other(client: httpx.AsyncClient) -> None:
+    too_large = await client.request("GET", CIRCLE, content=b"x" * (2 << 20))
+    assert (too_large.status_code, too_large.json()["type"]) == (413, "urn:headsup:problem:body-too-large")
+    packed = await client.request("GET", CIRCLE, content=b"x", headers={"Content-Encoding": "gzip"})
+    assert packed.status_code == 415
+    assert (await client.request("GET", CIRCLE, content=b"x")).status_code == 200
+
+
 async def test_a_request_that_is_handed_on_keeps_its_name_and_its_key(
     guarded: Settings, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
