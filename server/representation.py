@@ -51,7 +51,7 @@ def takes_gzip(accept_encoding: str, body: bytes) -> bool:
     """Whether a body is to be compressed: the caller takes it, and it pays."""
     if len(body) <= _LEAST_GZIP_BYTES:
         return False
-    accepted = accept_encoding.lower().replace(" ", "").split(",")
+    accepted = "".join(accept_encoding.lower().split()).split(",")
     return any(item.partition(";")[0] == "gzip" and not _NOT_AT_ALL.search(item) for item in accepted)
 
 

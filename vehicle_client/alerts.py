@@ -67,9 +67,6 @@ STANDSTILL_MPS = 2.0
 CORRIDOR_M = 2.5
 """Half width of the way ahead: half a lane (1.75 m) and half a large hole; how unsure both places are comes on top."""
 
-HEADING_SD_RAD = 0.005
-"""Error of a heading from two antennas a metre apart, 0.3 degrees: 0.8 m sideways at 160 m."""
-
 OWN_GATE_M = 4.0
 """An own track and a server's obstacle of one sign nearer than this are one: 3 sigma of two satellite positions."""
 
@@ -168,7 +165,7 @@ def stage_at(distance_m: float, speed_mps: float) -> Stage | None:
 
 def _not_passed(known: ObstacleMap, tracks: Sequence[Track], pose: Pose, alignment: Alignment) -> list[Hazard]:
     vehicle_from_odom = inverse(pose.odom_from_vehicle)
-    own = {t.track_id: (t, apply(vehicle_from_odom, t.centre_odom_m)) for t in tracks if t.confirmed}
+    own = {t.track_id: (t, apply(vehicle_from_odom, t.centre_odom_m)) for t in tracks if t.confirmed and t.is_static}
     shift = vehicle_from_odom[:3, :3] @ np.array([*alignment.shift_m, 0.0])
     told = {i: (entry.feature, place_in_vehicle(entry.feature, pose) + shift) for i, entry in known.obstacles.items()}
     pairs = _one_to_one(told, own)
@@ -180,7 +177,7 @@ def _not_passed(known: ObstacleMap, tracks: Sequence[Track], pose: Pose, alignme
             yaw = box.yaw_rad - (math.pi / 2 - pose.heading_rad)
             shape = (box.length_mm / 1000, box.width_mm / 1000, yaw % math.pi)
             place_sd_m = alignment.place_sd_m(stored_sd_m(feature), pose.sd_m)
-            sd_m = math.hypot(place_sd_m, HEADING_SD_RAD * float(place[0]))
+            sd_m = math.hypot(place_sd_m, pose.heading_sd_rad * float(place[0]))
             hazards.append(_hazard(kind, place, shape, pose, sd_m, obstacle_id, None))
         else:
             track, centre = own.pop(track_id)

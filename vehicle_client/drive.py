@@ -27,11 +27,12 @@ from vehicle_client.alignment import UNALIGNED, Alignment, align
 from vehicle_client.ar.scene import Scene, compose
 from vehicle_client.area import Heard
 from vehicle_client.calibration import CameraCalibration, VehicleCalibration, curvature_of
-from vehicle_client.frames import Matrix, apply, inverse
+from vehicle_client.frames import Matrix, Vector, apply, inverse
 from vehicle_client.link import Link
 from vehicle_client.moments import Due
 from vehicle_client.obstacle_map import ObstacleMap
-from vehicle_client.pose import Pose, PoseFilter
+from vehicle_client.odometry_history import ODOMETRY_GAP_S
+from vehicle_client.pose import IMPOSSIBLE_MPS, Pose, PoseFilter
 from vehicle_client.sources.frame import LidarFrame
 from vehicle_client.tracking import Track, Tracks
 
@@ -106,6 +107,7 @@ class Vehicle:
         self._sighted: frozenset[UUID] = frozenset()
         self._alerts = Alerts()
         self._heard_s = -np.inf
+        self._odometry_before: tuple[float, Vector] = (-np.inf, np.zeros(3))
         self._waiting: OrderedDict[UUID, ObservationReport] = OrderedDict()
 
     @property
@@ -164,6 +166,7 @@ class Vehicle:
         """
         if sweep.odom_from_sensor is None:
             return detection.obstacles
+        self._begin_anew_after_a_gap(sweep.odom_from_sensor, stamp_s)
         before, self._accumulator = self._accumulator, accumulate(self._accumulator, sweep, detection)
         if self._accumulator is before:
             return detection.obstacles
@@ -171,6 +174,14 @@ class Vehicle:
         found = detect_over_frames(self._accumulator, sweep, detection) if has_road else ()
         self._tracks = tracking.update(self._tracks, found, sweep.odom_from_sensor, stamp_s)
         return found
+
+    def _begin_anew_after_a_gap(self, odom_from_sensor: Matrix, stamp_s: float) -> None:
+        """Forget the road behind when odometry has: its frame is another one then."""
+        before_s, before_m = self._odometry_before
+        elapsed_s, moved_m = stamp_s - before_s, float(np.linalg.norm(odom_from_sensor[:3, 3] - before_m))
+        if not 0 <= elapsed_s <= ODOMETRY_GAP_S or moved_m > IMPOSSIBLE_MPS * max(elapsed_s, 1.0):
+            self._accumulator, self._tracks = Accumulator(), Tracks(next_id=self._tracks.next_id)
+        self._odometry_before = stamp_s, odom_from_sensor[:3, 3]
 
     def _exchange(self, here: Pose) -> tuple[tuple[Heard, ...], tuple[Answer, ...]]:
         """Hear the server and send it what waits, also from an earlier drive, once in a while."""

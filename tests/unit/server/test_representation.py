@@ -36,7 +36,15 @@ def test_what_is_current_is_told_so_without_a_body() -> None:
 
 @pytest.mark.parametrize(
     ("accepted", "is_compressed"),
-    [("gzip", True), ("br, GZIP;q=0.5", True), ("gzip;q=0", False), ("gzip; q=0.00", False), ("identity", False)],
+    [
+        ("gzip", True),
+        ("br, GZIP;q=0.5", True),
+        ("gzip;q=0", False),
+        ("gzip; q=0.00", False),
+        ("br,\tgzip", True),
+        ("gzip;\tq=0", False),
+        ("identity", False),
+    ],
 )
 def test_gzip_is_sent_to_whoever_takes_it(accepted: str, is_compressed: bool) -> None:
     response = answer(request(accept_encoding=accepted), LONG, "application/json", 'W/"a"')

@@ -106,3 +106,11 @@ def test_without_a_server_the_drive_goes_on_and_the_link_says_nothing(tmp_path: 
         assert not link.connected
     assert step.pose is not None
     assert not step.alerts.fresh
+
+
+@pytest.mark.parametrize(("x_m", "after_s", "begins_anew"), [(11.0, 0.1, False), (11.0, 2.0, True), (500.0, 0.1, True)])
+def test_after_a_gap_of_odometry_the_road_behind_is_forgotten(x_m: float, after_s: float, begins_anew: bool) -> None:
+    vehicle = Vehicle(CALIBRATION, HeldLink(), pseudonym="car")
+    driven(vehicle, frames=11)
+    vehicle.step(frame_at(x_m, 1.0 + after_s))
+    assert (len(vehicle._accumulator.keyframes) == 1) is begins_anew
