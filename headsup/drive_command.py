@@ -156,6 +156,8 @@ def _run(command: str, asked: Asked, json_file: Path | None) -> None:
     try:
         if json_file is not None and not json_file.absolute().parent.is_dir():
             raise DriveError(f"--json: there is no folder {json_file.absolute().parent}")
+        if json_file is not None and json_file.is_dir():
+            raise DriveError(f"--json: {json_file} is a folder; name a file")
         outcome = run(asked)
         show(outcome)
         if json_file is not None:

@@ -157,10 +157,10 @@ def _run(asked: Asked) -> Outcome:
         if store is not None and last is not None:
             store.save(vehicle.known, last.frame.stamp_s)
         status = None if link is None else link.status
-    if link is not None and status is not None:
+    if isinstance(link, BackgroundLink) and status is not None:
         # What the end of the link still brought.
         totals.answers.update(result.status.value for result in link.deliver())
-        status = replace(status, waiting=link.status.waiting)
+        status = replace(status, waiting=link.status.waiting, fates=link.status.fates)
     return Outcome(
         asked,
         totals,

@@ -10,6 +10,8 @@ from rich.table import Table
 
 from headsup.driving import Outcome
 
+WAYS = {"push": "heard by push", "polling": "heard by polling", "none": "not heard"}
+
 
 def as_json(outcome: Outcome) -> str:
     """All counts of a drive."""
@@ -57,7 +59,7 @@ def _lines(outcome: Outcome) -> Iterator[tuple[str, str]]:
     if outcome.asked.is_realtime and p50_ms is not None and p95_ms is not None:
         yield "sweep to alert", f"{p50_ms:.0f} ms (median), {p95_ms:.0f} ms (95th percentile)"
     if outcome.link is not None:
-        yield "server", f"{outcome.link.trouble or outcome.link.way}; {outcome.link.waiting} report(s) wait"
+        yield "server", f"{outcome.link.trouble or WAYS[outcome.link.way]}; {outcome.link.waiting} report(s) wait"
     if outcome.asked.record is not None:
         yield "recording", outcome.recording_stopped or str(outcome.asked.record)
 
