@@ -28,8 +28,8 @@ class StreetBags:
 
     street: Street
     first: Path
-    one_obstacle: Path
-    """The part of the first car's way that leads over the first obstacle alone."""
+    over_the_first: Path
+    """The part of the first car's way that leads over the first obstacle."""
     next: Path
 
 
@@ -38,10 +38,10 @@ def make_bags(folder: Path) -> StreetBags:
     street = first_light_street(SEED, ())
     world = World(street)
     first = _frames(world, FIRST_FROM_M, FIRST_TO_M, SEED)
-    # The first obstacle lies 68 m from the begin, the second 24 m after it: 1.4 m a frame.
+    # The first obstacle lies 68 m from the begin, 1.4 m a frame.
     bags = (
         ("first", first),
-        ("one", list(islice(first, 25, 60))),
+        ("part", list(islice(first, 25, 60))),
         ("next", _frames(world, NEXT_FROM_M, NEXT_TO_M, SEED + 1)),
     )
     return StreetBags(street, *(write_bag(folder / name, frames) for name, frames in bags))
