@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections import Counter
 from dataclasses import dataclass, field
 from typing import Any
@@ -51,7 +52,7 @@ class Totals:
     placed: int = 0
     """Frames with a place in the world that may be reported and shown."""
     reasons: Counter[str] = field(default_factory=Counter)
-    """Why the others had none."""
+    """Why the others had none, with N for each number."""
     detections: int = 0
     """Obstacles in single sweeps, each time one was seen."""
     found: int = 0
@@ -82,7 +83,8 @@ class Totals:
         self.no_road += not step.detection.road_seen
         self.placed += step.pose is not None
         if step.reason is not None:
-            self.reasons[step.reason] += 1
+            # A car that stands in a garage for a month would have a reason of its own for each second.
+            self.reasons[re.sub(r"\d+", "N", step.reason)] += 1
         self.detections += len(step.detection.obstacles)
         self.found += len(step.found)
         believed = frozenset(t.track_id for t in step.tracks if t.confirmed)

@@ -87,6 +87,17 @@ def test_a_program_that_fails_in_every_frame_does_not_go_on_for_a_year() -> None
         driven(frames(MOST_IN_A_ROW + 5), FailingVehicle(*range(3, 100)))
 
 
+def test_a_car_without_satellites_has_one_reason_however_long_it_stands() -> None:
+    def source() -> Iterator[LidarFrame]:
+        for index in range(60):
+            frame = frame_at(0.0, 1_000.0 + 5.0 * index)
+            yield replace(frame, points_m=SPARSE_M, gnss=frame.gnss if index < 5 else None)
+
+    totals, _ = driven(source(), FailingVehicle())
+    assert set(totals.reasons) == {"the last satellite fix is N s old"}
+    assert totals.reasons.total() == totals.frames - totals.placed > 20
+
+
 def test_a_frame_that_is_no_sweep_is_left_out_and_is_no_fault() -> None:
     def source() -> Iterator[LidarFrame]:
         for frame in frames(6):
