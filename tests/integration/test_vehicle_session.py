@@ -89,8 +89,8 @@ def test_a_program_that_fails_in_every_frame_does_not_go_on_for_a_year() -> None
 
 def test_a_car_without_satellites_has_one_reason_however_long_it_stands() -> None:
     def source() -> Iterator[LidarFrame]:
-        for index in range(60):
-            frame = frame_at(0.0, 1_000.0 + 5.0 * index)
+        for index in range(400):
+            frame = frame_at(0.0, 1_000.0 + index / 4)
             yield replace(frame, points_m=SPARSE_M, gnss=frame.gnss if index < 5 else None)
 
     totals, _ = driven(source(), FailingVehicle())
