@@ -146,7 +146,7 @@ def record(
 
 def _quietly(command: str) -> None:
     """Warnings in a line each, on standard error, with the command's name before them."""
-    logging.basicConfig(level=logging.WARNING, format=f"headsup {command}: %(message)s", force=True)
+    logging.basicConfig(level=logging.WARNING, format=f"headsup {command}: %(message)s")
 
 
 def _run(command: str, asked: Asked, json_file: Path | None) -> None:
