@@ -2,7 +2,8 @@
 
 Read, prepare, detect, accumulate, track, measure, report into the outbox on disk, alert, compose and draw; three
 threads, as `headsup drive --realtime` has them. The sweep's age counts from the moment it was complete to the alerts.
-Two drives: HDL-64E sweeps of 115,000 points at 10 Hz (`kitti_drive` of `--data`, whose poses come from scan matching),
+Two drives: HDL-64E sweeps of 120,000 points at 10 Hz (`kitti_drive` of `--data`, whose poses come from scan matching;
+written as KITTI's own files first, since LAZ takes 45 ms to unpack and no sensor sends it),
 and sweeps of the paper's LiDAR, 26,600 points at 30 Hz, of a simulated recording that is made first. No server answers:
 hearing and delivering wait in threads of their own. Each picture is drawn upon a grey image of 1024 x 512. The first
 sweeps compile the detector and are not counted.
@@ -81,6 +82,14 @@ def main() -> None:
         late = [run.totals.latency.percentile_ms(percent) or 0.0 for percent in (50, 95, 99)]
         numbers = [f"{run.points:,.0f}", run.totals.frames, run.dropped, *(f"{ms:.0f}" for ms in late)]
         print("|", " | ".join(map(str, [run.name, *numbers, f"{run.cpu_ms:.1f}", f"{run.draw_ms:.1f}"])), "|")
+
+
+def _unpacked(source: Path, folder: Path) -> Path:
+    folder.mkdir()
+    for number, frame in enumerate(open_source(source)):
+        intensity = np.zeros(len(frame.points_m)) if frame.intensity is None else frame.intensity
+        np.column_stack([frame.points_m, intensity]).astype("<f4").tofile(folder / f"{number:06d}.bin")
+    return folder
 
 
 def _recorded(folder: Path, seconds: float) -> Path:
