@@ -156,7 +156,7 @@ def _laid_on(
         rms = float(np.sqrt((residual**2).mean()))
         if best is None or rms < best[0]:
             best = rms, float(start_s), turn, shift, residual
-    assert best is not None  # noqa: S101
+    assert best is not None  # noqa: S101  # 120 starts were tried
     return best[1:]
 
 

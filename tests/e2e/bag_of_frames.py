@@ -63,7 +63,7 @@ def _cloud(frame: LidarFrame) -> Any:
     made["time"] = 0.0 if frame.point_time_s is None else frame.point_time_s
     fields = [
         _of("sensor_msgs/msg/PointField", name=name, offset=offset, datatype=DATATYPES[kind.str], count=1)
-        for name, (kind, offset) in ((name, POINT.fields[name][:2]) for name in ("x", "y", "z", "time", "ring"))  # type: ignore[index]
+        for name, (kind, offset) in ((name, POINT.fields[name][:2]) for name in ("x", "y", "z", "time", "ring"))  # type: ignore[index]  # NumPy: may be None
     ]
     return _of(
         "sensor_msgs/msg/PointCloud2",

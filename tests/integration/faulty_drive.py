@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
@@ -40,7 +40,9 @@ def along(number: int) -> LatLon:
 
 @contextmanager
 def link_to(url: str, outbox: Path, seed: int) -> Iterator[BackgroundLink]:
-    hasty: Callable[[], float] = lambda: time.monotonic() * HASTE  # noqa: E731
+    def hasty() -> float:
+        return time.monotonic() * HASTE
+
     jitter = Random(seed)  # noqa: S311  # not a secret
     link = ServerLink(url, None, outbox, timeout_s=TIMEOUT_S, jitter=jitter, clock=hasty)
     with BackgroundLink(link, stop_within_s=1.0) as background:

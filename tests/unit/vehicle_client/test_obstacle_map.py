@@ -174,7 +174,7 @@ def test_messages_leave_the_map_they_are_applied_to_as_it_was() -> None:
     after(appeared(2), removed(1, 2), known=known)
     assert revisions(known) == {1: 1}
     with pytest.raises(TypeError):
-        known.obstacles[UUID(int=5)] = known.obstacles[UUID(int=1)]  # type: ignore[index]
+        known.obstacles[UUID(int=5)] = known.obstacles[UUID(int=1)]  # type: ignore[index]  # that it is refused is the test
 
 
 def test_the_map_is_fresh_as_long_as_the_server_speaks() -> None:

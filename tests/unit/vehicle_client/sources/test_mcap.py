@@ -209,7 +209,7 @@ def test_a_chunk_that_would_fill_the_memory_is_not_unpacked(tmp_path: Path, anno
 def test_a_message_that_makes_no_sense_is_one_warning(
     tmp_path: Path, bad: bytes, caplog: pytest.LogCaptureFixture
 ) -> None:
-    make = lambda i: bad if i == 1 else cloud(START_NS + i * PERIOD_NS, i)  # noqa: E731
+    make = lambda i: bad if i == 1 else cloud(START_NS + i * PERIOD_NS, i)  # noqa: E731  # one line, used once
     with caplog.at_level(logging.WARNING):
         source = open_source(write_mcap(tmp_path / "drive.mcap", make=make))
         found = list(source)

@@ -211,14 +211,14 @@ def test_a_bag_that_was_cut_is_read_as_far_as_it_goes_or_refused(tmp_path: Path,
 
 @pytest.mark.parametrize("form", list(rosbags.rosbag1.Writer.CompressionFormat))
 def test_compressed_bags_of_ros_1_are_read(tmp_path: Path, form: rosbags.rosbag1.Writer.CompressionFormat) -> None:
-    compress = lambda writer: writer.set_compression(form)  # noqa: E731
+    compress = lambda writer: writer.set_compression(form)  # noqa: E731  # one line, used once
     path = write_bag(tmp_path / "drive.bag", 1, list(drive(Messages(1))), prepare=compress)
     assert len(list(open_source(path))) == 4
 
 
 @pytest.mark.parametrize("mode", [CompressionMode.FILE, CompressionMode.MESSAGE])
 def test_compressed_bags_of_ros_2_are_read(tmp_path: Path, mode: CompressionMode) -> None:
-    compress = lambda writer: writer.set_compression(mode, CompressionFormat.ZSTD)  # noqa: E731
+    compress = lambda writer: writer.set_compression(mode, CompressionFormat.ZSTD)  # noqa: E731  # one line, used once
     path = write_bag(tmp_path / "drive", 2, list(drive(Messages(2))), prepare=compress)
     assert len(list(open_source(path))) == 4
 
