@@ -38,8 +38,8 @@ from benchmarks.server_data import FloatArray
 from benchmarks.server_processes import database_url, postgres
 from benchmarks.server_report import Report, Stock, machine
 from benchmarks.server_turns import bar
-from server import schema
-from server.database import Database
+from server.storage import schema
+from server.storage.database import Database
 
 PARTS = ("nearby", "ingest")
 FEW = 10_000

@@ -20,12 +20,12 @@ from sqlalchemy import Table
 
 from contract.geometry import Box, BoxSd, Kind, LatLon, PlaneCovariance
 from contract.observation import Descriptor, State
-from server import rows, tables
-from server.features import feature_of
-from server.identity import obstacle_id
-from server.obstacle import Obstacle, Place, Shape, Size, Witness
-from server.policy import COOPERATION, Life
-from server.quadkey import cell_of, shard_of_cell, shard_of_tile, tile_of_cell
+from server.geometry.quadkey import cell_of, shard_of_cell, shard_of_tile, tile_of_cell
+from server.life.identity import obstacle_id
+from server.life.obstacle import Obstacle, Place, Shape, Size, Witness
+from server.life.policy import COOPERATION, Life
+from server.storage import rows, tables
+from server.storage.features import feature_of
 
 FloatArray = NDArray[np.float64]
 
@@ -205,7 +205,7 @@ async def _copy(connection: asyncpg.Connection, table: Table, values: Iterator[d
 
 
 def _stored(value: Any) -> Any:
-    """As `server.tables` binds it."""
+    """As `server.storage.tables` binds it."""
     return (value - _EPOCH) // timedelta(microseconds=1) if isinstance(value, datetime) else value
 
 

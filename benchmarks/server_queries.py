@@ -10,7 +10,7 @@ import numpy as np
 from benchmarks.server_data import RADIUS_M, FloatArray
 from benchmarks.server_load import Load
 from contract.geometry import LatLon
-from server.quadkey import cell_of, tile_of_cell
+from server.geometry.quadkey import cell_of, tile_of_cell
 
 KEY = "an-operator-key-of-the-benchmark-only"
 _NEAR_DEG = 2e-4

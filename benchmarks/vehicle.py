@@ -30,13 +30,13 @@ from pathlib import Path
 import numpy as np
 import psutil
 
-from vehicle_client.background import BackgroundLink
-from vehicle_client.calibration import CameraCalibration, VehicleCalibration
-from vehicle_client.calibration_file import AHEAD_FROM_CAMERA, CarCalibration
 from vehicle_client.drive import Step, Vehicle
 from vehicle_client.frames import rigid
-from vehicle_client.link import ServerLink
+from vehicle_client.link.background import BackgroundLink
+from vehicle_client.link.server_link import ServerLink
 from vehicle_client.pacing import Paced, Ready
+from vehicle_client.sensing.calibration import CameraCalibration, VehicleCalibration
+from vehicle_client.sensing.calibration_file import AHEAD_FROM_CAMERA, CarCalibration
 from vehicle_client.session import Camera, drive_along, preparing, windshield
 from vehicle_client.sources.frame import LidarFrame
 from vehicle_client.sources.opening import SourceOptions, open_source

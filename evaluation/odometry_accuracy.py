@@ -18,11 +18,11 @@ from simulator.motion import Carried
 from simulator.readings import Sweep
 from simulator.street import LANE_CENTRE_M, first_light_street
 from simulator.world import World
-from vehicle_client.calibration import VehicleCalibration
-from vehicle_client.calibration_file import CarCalibration
 from vehicle_client.frames import inverse, yaw_of
-from vehicle_client.odometry import ScanMatching
-from vehicle_client.preparation import Preparation
+from vehicle_client.positioning.odometry import ScanMatching
+from vehicle_client.sensing.calibration import VehicleCalibration
+from vehicle_client.sensing.calibration_file import CarCalibration
+from vehicle_client.sensing.preparation import Preparation
 from vehicle_client.sources.frame import LidarFrame
 
 FloatArray = NDArray[np.float64]

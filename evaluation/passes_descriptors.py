@@ -10,7 +10,7 @@ from contract.geometry import Box, Kind
 from contract.observation import Descriptor
 from detector.types import DetectedObstacle
 from evaluation.passes_sizes import Measured
-from server.matching import shape_distance
+from server.life.matching import shape_distance
 
 Described = tuple[Descriptor, Box]
 

@@ -10,10 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from evaluation.pose_drives import PoseDrive
-from vehicle_client.calibration import WHEELBASE_M
 from vehicle_client.frames import apply, inverse, yaw_of
-from vehicle_client.odometry import Given, Tracker, Wheels
-from vehicle_client.pose import Pose, PoseFilter, update
+from vehicle_client.positioning.odometry import Given, Tracker, Wheels
+from vehicle_client.positioning.pose import Pose, PoseFilter, update
+from vehicle_client.sensing.calibration import WHEELBASE_M
 
 FloatArray = NDArray[np.float64]
 

@@ -23,14 +23,14 @@ from sqlalchemy import func, select
 
 from contract.geometry import Box, BoxSd, Kind, LatLon, PlaneCovariance
 from contract.observation import Descriptor, Detection, ObservationReport, Origin, View
-from server import schema, tables
-from server.database import Database
-from server.geodesy import east_north_m
-from server.group import Outcome, decide_together
-from server.ingest import GREATEST_GROUP
+from server.geometry.geodesy import east_north_m
+from server.ingesting.group import Outcome, decide_together
+from server.ingesting.ingest import GREATEST_GROUP
+from server.ingesting.parcel import Parcel
+from server.life.policy import COOPERATION, Policy
 from server.operators import Operators
-from server.parcel import Parcel
-from server.policy import COOPERATION, Policy
+from server.storage import schema, tables
+from server.storage.database import Database
 from server.upkeep import Upkeep
 
 _NAMES = UUID("0198a000-0000-7000-8000-5265636f7264")

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 if TYPE_CHECKING:
-    from server.database import Database
+    from server.storage.database import Database
 
 _OUT_OF_DATE = 2
 
@@ -21,7 +21,7 @@ def upgrade_database() -> None:
         HEADSUP_DATABASE_URL=postgresql+asyncpg://headsup@db/headsup headsup db upgrade
     """
     from headsup.server_commands import with_database
-    from server import schema
+    from server.storage import schema
 
     async def upgrade(database: Database) -> None:
         typer.echo(f"the database is at {await schema.upgrade(database)}", err=True)
@@ -42,7 +42,7 @@ def downgrade_database(
         headsup db downgrade 2026_11_22_first_tables
     """
     from headsup.server_commands import with_database
-    from server import schema
+    from server.storage import schema
 
     if not yes:
         typer.confirm(f"Go back to {revision}, and delete what only a later schema can hold?", abort=True)
@@ -61,7 +61,7 @@ def show_status() -> None:
         headsup db status
     """
     from headsup.server_commands import with_database
-    from server import schema
+    from server.storage import schema
 
     found: list[str | None] = []
 
@@ -91,8 +91,8 @@ def backup_database(target: Annotated[Path, typer.Argument(help="New file for th
     from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 
     from headsup.server_commands import refuse, settings_with
-    from server.backup import backup
     from server.errors import ServiceError
+    from server.storage.backup import backup
 
     url = settings_with().database_url
     columns = (SpinnerColumn(), TextColumn("copying"), TimeElapsedColumn())

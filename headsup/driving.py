@@ -22,23 +22,23 @@ from contract.observation import ObservationReport, ReportResult
 from detector.pipeline import estimate_sensor_height
 from detector.types import DetectorError
 from vehicle_client.area import Heard
-from vehicle_client.background import BackgroundLink
-from vehicle_client.calibration import VehicleCalibration
-from vehicle_client.calibration_file import CalibrationError, CarCalibration, read_calibration
 from vehicle_client.drive import Step, Vehicle
 from vehicle_client.frames import GeoOrigin, rigid
-from vehicle_client.http_asking import UnusableError
-from vehicle_client.link import LinkStatus, ServerLink
-from vehicle_client.map_store import MapStore
+from vehicle_client.link.background import BackgroundLink
+from vehicle_client.link.http_asking import UnusableError
+from vehicle_client.link.map_store import MapStore
+from vehicle_client.link.outbox import OutboxError
+from vehicle_client.link.server_link import LinkStatus, ServerLink
 from vehicle_client.obstacle_map import ObstacleMap
-from vehicle_client.outbox import OutboxError
 from vehicle_client.pacing import Paced, Ready
-from vehicle_client.pose import PoseFilter, StatedPlace
-from vehicle_client.privacy import Privacy
-from vehicle_client.pseudonym import Pseudonyms
-from vehicle_client.quiet_zones import ZoneError, read_zones
+from vehicle_client.positioning.pose import PoseFilter, StatedPlace
+from vehicle_client.privacy.pseudonym import Pseudonyms
+from vehicle_client.privacy.quiet_zones import ZoneError, read_zones
+from vehicle_client.privacy.report_privacy import Privacy
 from vehicle_client.recording.background_recorder import BackgroundRecorder
 from vehicle_client.recording.drive_recorder import DriveRecorder, RecordingError
+from vehicle_client.sensing.calibration import VehicleCalibration
+from vehicle_client.sensing.calibration_file import CalibrationError, CarCalibration, read_calibration
 from vehicle_client.session import Camera, Listener, drive_along, preparing, windshield
 from vehicle_client.sources.frame import LidarFrame, SourceError
 from vehicle_client.sources.opening import CountingSource, SourceOptions, open_source

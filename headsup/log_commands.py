@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 if TYPE_CHECKING:
-    from server.database import Database
+    from server.storage.database import Database
 
 _WEEK_DAYS = 7
 _DECIDED_OTHERWISE = 2
@@ -35,9 +35,9 @@ def replay_log(
     from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 
     from headsup.server_commands import policy_in_force, settings_with, with_database
-    from server import schema
-    from server.replay import Replayed, replay
-    from server.replay_target import replay_target
+    from server.log.replay import Replayed, replay
+    from server.log.replay_target import replay_target
+    from server.storage import schema
 
     policy, url = policy_in_force(), settings_with(database_url=into).database_url
     results: list[Replayed] = []
@@ -73,8 +73,8 @@ def prune_log(
         headsup db prune --checkpoint checkpoints/2026-11-22.jsonl.gz
     """
     from headsup.server_commands import policy_in_force, refuse, settings_with, with_database
-    from server import schema
-    from server.pruning import prune
+    from server.log.pruning import prune
+    from server.storage import schema
 
     times = policy_in_force().times
     keep = timedelta(days=settings_with(retention_days=keep_days).retention_days)

@@ -15,10 +15,10 @@ from headsup.database_commands import backup_database, downgrade_database, show_
 from headsup.log_commands import prune_log, replay_log
 
 if TYPE_CHECKING:
-    from server.database import Database
-    from server.keys import Keys
-    from server.policy import Policy
+    from server.life.policy import Policy
     from server.settings import Settings
+    from server.storage.database import Database
+    from server.trust.keys import Keys
 
 keys_app = typer.Typer(help="API keys of vehicles, readers and operators.", no_args_is_help=True)
 db_app = typer.Typer(help="The server's database.", no_args_is_help=True)
@@ -80,7 +80,7 @@ def create_key(
 
         KEY=$(headsup keys create --role vehicle --name ego1)
     """
-    from server.keys import Role
+    from server.trust.keys import Role
 
     # A line of the list is a key's; what turns text around would show another name.
     if not (name.strip() and name.isprintable() and len(name) <= _NAME_LENGTH):
@@ -189,8 +189,8 @@ def _with_keys(work: Callable[[Keys], Awaitable[None]]) -> None:
     """Run `work` on the keys of a database whose schema is right (a fresh SQLite file gets it)."""
 
     async def prepared(database: Database) -> None:
-        from server import schema
-        from server.keys import Keys
+        from server.storage import schema
+        from server.trust.keys import Keys
 
         await schema.prepare(database)
         await work(Keys(database, None))
@@ -202,8 +202,8 @@ def with_database(work: Callable[[Database], Awaitable[None]]) -> None:
     """Run `work` on the database of the settings; exits with a line when it is refused or the database fails."""
     from sqlalchemy.exc import SQLAlchemyError
 
-    from server.database import Database
     from server.errors import ServiceError, for_operators
+    from server.storage.database import Database
 
     async def opened() -> None:
         database = Database.open(settings_with().database_url)

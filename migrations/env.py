@@ -1,10 +1,10 @@
-"""Run by Alembic: applies the migrations on the connection that `server.schema` hands over, in its transaction."""
+"""Run by Alembic: applies the migrations on the connection of `server.storage.schema`, in its transaction."""
 
 from __future__ import annotations
 
 from alembic import context
 
-from server.tables import metadata
+from server.storage.tables import metadata
 
 context.configure(
     connection=context.config.attributes["connection"],

@@ -15,28 +15,29 @@ from starlette.middleware.cors import CORSMiddleware
 from starlette.types import Receive, Scope, Send
 
 from contract.observation import MAX_BODY_BYTES
-from server import endpoints, errors
-from server.admission import Admission
-from server.body_limit import BodyLimit
-from server.database import Database
-from server.edge import Edge
-from server.endpoints import Parts
-from server.journal import Journal
-from server.keys import Keys
-from server.metrics import Metrics, RequestCounts
-from server.nearby import Nearby
-from server.nearby_route import NearbyLane
+from server import errors
+from server.ingesting.service import Service
 from server.operators import Operators
 from server.policy_file import policy_of
-from server.readiness import Readiness
-from server.relay import Relay
-from server.repository import Repository
-from server.service import Service
+from server.push.relay import Relay
+from server.push.stream import Hub
+from server.reading.nearby import Nearby
+from server.reading.tile_reader import TileReader
 from server.settings import Settings
 from server.startup import make_ready
-from server.stream import Hub
-from server.tile_reader import TileReader
+from server.storage.database import Database
+from server.storage.repository import Repository
+from server.trust.admission import Admission
+from server.trust.keys import Keys
 from server.upkeep import Upkeep
+from server.web import endpoints
+from server.web.body_limit import BodyLimit
+from server.web.edge import Edge
+from server.web.endpoints import Parts
+from server.web.journal import Journal
+from server.web.metrics import Metrics, RequestCounts
+from server.web.nearby_route import NearbyLane
+from server.web.readiness import Readiness
 
 _LOG = logging.getLogger(__name__)
 

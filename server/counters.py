@@ -1,4 +1,4 @@
-"""What the parts of this process count, as plain numbers; `server.metrics` reads them when it is asked."""
+"""What the parts of this process count, as plain numbers; `server.web.metrics` reads them when it is asked."""
 
 from __future__ import annotations
 

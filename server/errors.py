@@ -14,7 +14,7 @@ from fastapi import FastAPI, Request, Response
 from fastapi.exceptions import RequestValidationError
 from starlette.exceptions import HTTPException
 
-from server.security_headers import DATA
+from server.trust.security_headers import DATA
 
 PROBLEM_JSON = "application/problem+json"
 
@@ -202,7 +202,7 @@ def _place(item: Mapping[str, Any]) -> str:
 
 
 def install(app: FastAPI) -> None:
-    """Answer every error of the application as a problem; what nobody expected is for `server.edge`."""
+    """Answer every error of the application as a problem; what nobody expected is for `server.web.edge`."""
 
     async def service_error(_request: Request, error: Exception) -> Response:
         assert isinstance(error, ServiceError)  # noqa: S101  # registered for that type below

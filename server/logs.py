@@ -16,7 +16,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, Literal
 
-from server.request_context import CURRENT
+from server.web.request_context import CURRENT
 
 LogFormat = Literal["text", "json"]
 FIELDS = "headsup_fields"

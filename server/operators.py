@@ -13,16 +13,17 @@ from uuid import UUID
 from sqlalchemy.exc import DBAPIError
 
 from contract.obstacle import ObstacleFeature
-from server import audit, operating, tables, writing
-from server.audit import Order
-from server.database import Database, is_worth_a_retry
 from server.errors import ObstacleNotFoundError, RevisionMismatchError, UnavailableError
-from server.features import ObstacleEvent, feature_of
-from server.obstacle import Obstacle
-from server.policy import Life
-from server.quadkey import cell_of, tile_of_cell
-from server.repository import Repository
-from server.working_set import WorkingSet
+from server.geometry.quadkey import cell_of, tile_of_cell
+from server.life import operating
+from server.life.obstacle import Obstacle
+from server.life.policy import Life
+from server.storage import audit, tables, writing
+from server.storage.audit import Order
+from server.storage.database import Database, is_worth_a_retry
+from server.storage.features import ObstacleEvent, feature_of
+from server.storage.repository import Repository
+from server.storage.working_set import WorkingSet
 
 _FIRST_PAUSE_S, _GREATEST_PAUSE_S = 0.01, 0.5
 

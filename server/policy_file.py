@@ -1,4 +1,4 @@
-"""The policy in force: one of the two of `server.policy`, with numbers that a TOML file sets otherwise.
+"""The policy in force: one of the two of `server.life.policy`, with numbers that a TOML file sets otherwise.
 
 The file has the sections of `Policy`; durations are in seconds, under their name with `_s`. What is unknown, of
 another type, or out of bounds is refused.
@@ -18,9 +18,9 @@ from types import MappingProxyType
 from typing import Any
 
 from contract.geometry import Kind
-from server import policy as policy_module
 from server.errors import ServiceError
-from server.policy import Policy, policy_named
+from server.life import policy as policy_module
+from server.life.policy import Policy, policy_named
 from server.settings import PolicySettings
 
 # Numbers whose bounds are tighter than "not negative"; the drift is what the history of an obstacle looks through.
@@ -158,7 +158,7 @@ def _written(name: str, value: Any) -> tuple[str, str]:
 
 
 def _reasons(class_name: str) -> dict[str, str]:
-    """The text under each field of a class of `server.policy`, which Python itself does not keep."""
+    """The text under each field of a class of `server.life.policy`, which Python itself does not keep."""
     return dict(_documented(inspect.getsource(getattr(policy_module, class_name))))
 
 

@@ -15,15 +15,15 @@ from uuid import UUID
 
 from contract.geometry import Kind
 from contract.observation import DecisionKind, Detection, Inspection, ObservationReport, Outcome, State
-from server import change, evidence, matching, merging, shaping
-from server.geodesy import distance_m, east_north_m
-from server.identity import obstacle_id
-from server.obstacle import Obstacle, Witness
-from server.placing import fused_place, measured_place
-from server.plausibility import detection_rejection
-from server.policy import Policy
-from server.quadkey import cell_of, shard_of_cell
-from server.symmetric import greatest_sd_m
+from server.geometry.geodesy import distance_m, east_north_m
+from server.geometry.quadkey import cell_of, shard_of_cell
+from server.geometry.symmetric import greatest_sd_m
+from server.life import change, evidence, matching, merging, shaping
+from server.life.identity import obstacle_id
+from server.life.obstacle import Obstacle, Witness
+from server.life.placing import fused_place, measured_place
+from server.life.plausibility import detection_rejection
+from server.life.policy import Policy
 
 DISTRUSTED = "witness-distrusted"
 """Reason of every decision about a report that is only logged."""

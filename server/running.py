@@ -18,9 +18,9 @@ from fastapi import FastAPI
 
 from server import logs
 from server.app import create_app
-from server.http_protocol import BoundedHttp, QuietWebSocket
 from server.settings import Settings, unknown_variables
 from server.startup import preflight
+from server.web.http_protocol import BoundedHttp, QuietWebSocket
 
 _LOG = logging.getLogger(__name__)
 # For what follows a request's last write, and for sockets to close.
@@ -50,7 +50,7 @@ def listening(app: FastAPI, settings: Settings) -> uvicorn.Config:
         http=BoundedHttp,
         ws=QuietWebSocket,
         log_config=None,
-        # `server.journal` writes a better one: these lines have the query, and so positions.
+        # `server.web.journal` writes a better one: these lines have the query, and so positions.
         access_log=False,
         server_header=False,
         proxy_headers=bool(settings.trusted_proxies),

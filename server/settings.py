@@ -14,8 +14,8 @@ from sqlalchemy.engine import make_url
 from sqlalchemy.exc import ArgumentError
 
 from contract.observation import MAX_REPORTS
+from server.life.policy import PolicyName
 from server.logs import LogFormat
-from server.policy import PolicyName
 
 PREFIX = "HEADSUP_"
 # Names a folder of recordings for `headsup demo` and the tests.

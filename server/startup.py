@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from server import schema
-from server.database import Database
 from server.errors import UnguardedError
-from server.keys import Keys
 from server.settings import Settings
+from server.storage import schema
+from server.storage.database import Database
+from server.trust.keys import Keys
 
 
 async def make_ready(database: Database, keys: Keys, settings: Settings) -> bool:

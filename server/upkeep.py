@@ -12,12 +12,12 @@ from sqlalchemy import func, select
 from sqlalchemy.exc import DBAPIError
 
 from contract.observation import State
-from server import tables
-from server.audit import Order
-from server.database import Database
 from server.errors import ServiceError
+from server.life.policy import Life
 from server.operators import Operators
-from server.policy import Life
+from server.storage import tables
+from server.storage.audit import Order
+from server.storage.database import Database
 
 SWEEPER = "sweeper"
 """Stands in the action log for whoever expired an obstacle."""

@@ -17,7 +17,7 @@ from contract.obstacle import ObstacleFeature
 from vehicle_client.alignment import UNALIGNED, Alignment
 from vehicle_client.frames import Vector, apply, inverse
 from vehicle_client.obstacle_map import ObstacleMap, place_in_vehicle, stored_sd_m
-from vehicle_client.pose import Pose
+from vehicle_client.positioning.pose import Pose
 from vehicle_client.tracking import Track
 
 

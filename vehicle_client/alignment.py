@@ -12,7 +12,7 @@ from scipy.optimize import linear_sum_assignment
 from contract.geometry import Sign
 from contract.obstacle import ObstacleFeature
 from vehicle_client.frames import Vector, apply, inverse
-from vehicle_client.pose import Pose
+from vehicle_client.positioning.pose import Pose
 from vehicle_client.tracking import Track
 
 GATE_M = 5.0

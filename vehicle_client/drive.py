@@ -21,18 +21,19 @@ from detector.over_frames import detect_over_frames
 from detector.pipeline import detect
 from detector.shape import measure
 from detector.types import DetectedObstacle, DetectorInput, FrameDetection, PointClass
-from vehicle_client import alerts, moments, obstacle_map, pose, reporting, tracking, watching
+from vehicle_client import alerts, moments, obstacle_map, reporting, tracking, watching
 from vehicle_client.alerts import Alerts
 from vehicle_client.alignment import UNALIGNED, Alignment, align
 from vehicle_client.ar.scene import Scene, compose
 from vehicle_client.area import Heard
-from vehicle_client.calibration import CameraCalibration, VehicleCalibration, curvature_of
 from vehicle_client.frames import Matrix, Vector, apply, inverse
-from vehicle_client.link import Link
+from vehicle_client.link.server_link import Link
 from vehicle_client.moments import Due
 from vehicle_client.obstacle_map import ObstacleMap
-from vehicle_client.odometry_history import ODOMETRY_GAP_S
-from vehicle_client.pose import IMPOSSIBLE_MPS, Pose, PoseFilter
+from vehicle_client.positioning import pose
+from vehicle_client.positioning.odometry_history import ODOMETRY_GAP_S
+from vehicle_client.positioning.pose import IMPOSSIBLE_MPS, Pose, PoseFilter
+from vehicle_client.sensing.calibration import CameraCalibration, VehicleCalibration, curvature_of
 from vehicle_client.sources.frame import LidarFrame
 from vehicle_client.tracking import Track, Tracks
 

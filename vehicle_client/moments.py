@@ -19,7 +19,7 @@ from contract.obstacle import ObstacleFeature
 from detector.types import DetectedObstacle
 from vehicle_client.alignment import Alignment
 from vehicle_client.frames import Matrix, apply, inverse
-from vehicle_client.pose import Pose
+from vehicle_client.positioning.pose import Pose
 from vehicle_client.reporting import known_place
 from vehicle_client.tracking import Track
 

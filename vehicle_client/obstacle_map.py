@@ -19,7 +19,7 @@ from contract.geometry import LatLon
 from contract.obstacle import ObstacleFeature
 from vehicle_client.area import Heard, Reached, Surveyed, distance_m
 from vehicle_client.frames import Vector
-from vehicle_client.pose import Pose
+from vehicle_client.positioning.pose import Pose
 
 FRESH_FOR_S = 10.0
 """Age of the last word from the server after which the map is shown as not fresh."""

@@ -27,7 +27,7 @@ from detector.types import DetectedObstacle
 from vehicle_client.alignment import Alignment
 from vehicle_client.frames import GeoOrigin, apply, axis_yaw, inverse, yaw_of
 from vehicle_client.obstacle_map import stored_sd_m
-from vehicle_client.pose import Pose
+from vehicle_client.positioning.pose import Pose
 
 _LOG = logging.getLogger(__name__)
 

@@ -11,12 +11,12 @@ from numpy.typing import NDArray
 
 from detector.types import DetectorError
 from vehicle_client.ar.renderer import draw
-from vehicle_client.calibration import CameraCalibration
-from vehicle_client.calibration_file import CarCalibration
 from vehicle_client.drive import Step, Vehicle, driver_scene
 from vehicle_client.faults import Faults
 from vehicle_client.pacing import Paced, Ready
-from vehicle_client.preparation import Preparation
+from vehicle_client.sensing.calibration import CameraCalibration
+from vehicle_client.sensing.calibration_file import CarCalibration
+from vehicle_client.sensing.preparation import Preparation
 from vehicle_client.sources.frame import LidarFrame, SourceError
 from vehicle_client.totals import Totals
 

@@ -10,7 +10,7 @@ from uuid import UUID
 from contract.obstacle import ObstacleFeature
 from vehicle_client.frames import Vector
 from vehicle_client.obstacle_map import ObstacleMap, place_in_vehicle
-from vehicle_client.pose import Pose
+from vehicle_client.positioning.pose import Pose
 from vehicle_client.tracking import FORGET_M
 
 INSPECTED_M = 18.0

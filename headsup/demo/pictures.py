@@ -19,9 +19,9 @@ from simulator.world import World
 from vehicle_client.alerts import Hazard, Stage
 from vehicle_client.ar.renderer import draw
 from vehicle_client.ar.segmentation import paint_classes, paint_saliency
-from vehicle_client.calibration import CameraCalibration, VehicleCalibration
 from vehicle_client.drive import Step, detector_input, driver_scene
 from vehicle_client.frames import apply
+from vehicle_client.sensing.calibration import CameraCalibration, VehicleCalibration
 
 Image = NDArray[np.uint8]
 

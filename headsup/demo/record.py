@@ -15,10 +15,10 @@ from contract.obstacle import ObstacleFeature
 from simulator.street import Street
 from vehicle_client.alerts import Stage
 from vehicle_client.alignment import Alignment, align
-from vehicle_client.calibration import VehicleCalibration
 from vehicle_client.drive import Answer, Step
 from vehicle_client.frames import Matrix, Vector, apply, inverse, rigid
-from vehicle_client.pose import Pose
+from vehicle_client.positioning.pose import Pose
+from vehicle_client.sensing.calibration import VehicleCalibration
 
 SAME_PLACE_M = 7.0
 """A position within this of a true obstacle is that obstacle: the demo's are 20 m apart, satellites err by 1 m."""

@@ -23,7 +23,7 @@ from simulator.sensor_config import RigSensor, SensorRig
 from simulator.street import DRAWN_BEYOND_M, LANE_CENTRE_M, Street
 from simulator.trajectory import STEADY, Sway, Trajectory, path_beside
 from simulator.world import World
-from vehicle_client.calibration import CameraCalibration, VehicleCalibration
+from vehicle_client.sensing.calibration import CameraCalibration, VehicleCalibration
 from vehicle_client.sources.frame import GnssFix, LidarFrame
 
 FRAME_S = 0.1

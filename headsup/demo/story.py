@@ -35,10 +35,10 @@ from simulator.relief import Relief
 from simulator.scan import find_scans, load_scan
 from simulator.street import Street, fill, first_light_street, grow
 from simulator.world import World
-from vehicle_client.calibration_file import CarCalibration
 from vehicle_client.drive import Step, Vehicle, driver_scene
-from vehicle_client.link import ServerLink
-from vehicle_client.preparation import Preparation
+from vehicle_client.link.server_link import ServerLink
+from vehicle_client.sensing.calibration_file import CarCalibration
+from vehicle_client.sensing.preparation import Preparation
 
 SPEED_MPS = 50 / 3.6
 """The speed limit of a town."""

@@ -15,7 +15,7 @@ from contract.geometry import PlaneCovariance
 from contract.observation import State
 from contract.obstacle import ObstacleFeature, ObstacleProperties
 from server.formats.codes import denm_cause
-from server.uncertainty import error_ellipse
+from server.geometry.uncertainty import error_ellipse
 
 _ITS_EPOCH_UNIX_MS = 1_072_915_200_000
 _GREATEST_ITS_MS = 4_398_046_511_103

@@ -10,10 +10,10 @@ from types import MappingProxyType
 from typing import Any
 
 from contract.obstacle import Link, ObstacleFeature
-from server import collection
 from server.errors import NotAcceptableError
 from server.formats import datex, denm, fiware, itis, waze
 from server.formats.names import FormatName
+from server.reading import collection
 
 Features = Sequence[ObstacleFeature]
 GEOJSON = "application/geo+json"

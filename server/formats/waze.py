@@ -11,7 +11,7 @@ from contract.geometry import LatLon
 from contract.observation import State
 from contract.obstacle import ObstacleFeature
 from server.formats.codes import CODES, sentence
-from server.geodesy import offset_from
+from server.geometry.geodesy import offset_from
 
 
 def feed(features: Iterable[ObstacleFeature]) -> dict[str, Any]:

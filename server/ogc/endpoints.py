@@ -12,19 +12,19 @@ from fastapi import APIRouter, Depends, Query, Request, Response
 from fastapi.exceptions import RequestValidationError
 from fastapi.routing import APIRoute
 
-from server import collection, representation
-from server.dependencies import CallerNow, PartsNow, bearer, once_each, refusals
 from server.errors import InvalidParameterError, ObstacleNotFoundError, complaints
-from server.features import feature_of
 from server.formats.registry import GEOJSON
-from server.obstacle import Obstacle
+from server.life.obstacle import Obstacle
 from server.ogc import documents, features
 from server.ogc.models import Collection, Collections, Conformance, Items, LandingPage, SingleItem
 from server.ogc.query import ItemsQuery
-from server.query import Parameters
-from server.reader_endpoints import GeoJson
-from server.repository import Repository
-from server.search import Page, Search
+from server.reading import collection, representation
+from server.reading.query import Parameters
+from server.reading.search import Page, Search
+from server.storage.features import feature_of
+from server.storage.repository import Repository
+from server.web.dependencies import CallerNow, PartsNow, bearer, once_each, refusals
+from server.web.reader_endpoints import GeoJson
 
 _HERE = f"/collections/{documents.COLLECTION_ID}"
 

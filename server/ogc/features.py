@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 
 from contract.obstacle import ObstacleFeature
+from server.geometry.uncertainty import error_ellipse
 from server.ogc.models import FlatProperties, Item
-from server.uncertainty import error_ellipse
 
 
 def item(feature: ObstacleFeature) -> Item:

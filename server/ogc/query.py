@@ -10,10 +10,10 @@ from uuid import UUID
 from pydantic import AfterValidator, Field, TypeAdapter, ValidationError, model_validator
 
 from contract.geometry import UtcDatetime
-from server.around import Key
-from server.bounds import PATTERN_WITH_HEIGHTS, Bounds
-from server.cursors import cursor_of, position_of
-from server.query import Filters, KindList, Missing, Parameters, StateList
+from server.geometry.bounds import PATTERN_WITH_HEIGHTS, Bounds
+from server.reading.around import Key
+from server.reading.cursors import cursor_of, position_of
+from server.reading.query import Filters, KindList, Missing, Parameters, StateList
 
 # What the standard's text says in words (7.15.4); that a day exists in its month, a pattern cannot say.
 _MOMENT = (

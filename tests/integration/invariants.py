@@ -13,8 +13,8 @@ from sqlalchemy import RowMapping, Table, select
 
 from contract.observation import ReportResult
 from contract.obstacle import ObstacleFeature
-from server import tables
-from server.database import Database
+from server.storage import tables
+from server.storage.database import Database
 
 _COUNTED = {"created", "kept", "updated"}
 Rows = list[RowMapping]

@@ -9,8 +9,8 @@ import httpx
 from fastapi import FastAPI
 
 from server.app import create_app
-from server.keys import Role
 from server.settings import Settings
+from server.trust.keys import Role
 
 
 @asynccontextmanager

@@ -19,8 +19,8 @@ from contract.observation import (
     ReportStatus,
 )
 from contract.obstacle import ObstacleCollection, ObstacleFeature
-from server.geodesy import distance_m
-from server.quadkey import tiles
+from server.geometry.geodesy import distance_m
+from server.geometry.quadkey import tiles
 from server.settings import Settings
 from tests.integration.conftest import OPERATOR_KEY, serving
 from tests.unit.server.making import HOUR, PATRAS, absent, detection, message

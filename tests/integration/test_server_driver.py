@@ -7,8 +7,8 @@ import asyncio
 import pytest
 from sqlalchemy.ext.asyncio import create_async_engine
 
-from server.driver import Driver
 from server.errors import UnavailableError
+from server.storage.driver import Driver
 from tests.integration.processes import killable_postgres
 
 

@@ -28,10 +28,10 @@ from contract.events import (
 )
 from contract.geometry import LatLon
 from contract.observation import ObservationBatch, ObservationReport
-from server.geodesy import offset_from
-from server.keys import Keys, Role
+from server.geometry.geodesy import offset_from
 from server.logs import FIELDS
 from server.settings import Settings
+from server.trust.keys import Keys, Role
 from tests.integration.conftest import OPERATOR_KEY
 from tests.integration.raw import served_here
 from tests.unit.server.making import HOUR, PATRAS, absent, detection, message
@@ -157,7 +157,7 @@ async def test_without_a_key_the_connection_is_refused_before_it_is_accepted(
                 pass
         assert refused.value.response.status_code == 401
         assert json.loads(refused.value.response.body)["type"] == "urn:headsup:problem:unauthenticated"
-    told = [getattr(record, FIELDS) for record in caplog.records if record.name == "server.journal"]
+    told = [getattr(record, FIELDS) for record in caplog.records if record.name == "server.web.journal"]
     assert [(item["method"], item["route"], item["status"]) for item in told] == [("GET", "/v1/events", 401)] * 2
     # What is somebody else's mistake is no error of ours.
     assert max(record.levelno for record in caplog.records) <= logging.INFO
@@ -193,7 +193,7 @@ async def test_another_subprotocol_closes_with_4426(running: Running) -> None:
 
 
 async def test_a_revoked_key_closes_with_4401(running: Running, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("server.events_socket._KEY_CHECK_INTERVAL_S", 0.05)
+    monkeypatch.setattr("server.web.events_socket._KEY_CHECK_INTERVAL_S", 0.05)
     key = await running.keys.create(Role.VEHICLE, "ego1")
     async with running.connect(key) as socket:
         await socket.send(at(1))

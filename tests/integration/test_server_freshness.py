@@ -18,7 +18,7 @@ from hypothesis import strategies as st
 
 from contract.geometry import LatLon
 from contract.obstacle import ObstacleFeature
-from server.geodesy import offset_from
+from server.geometry.geodesy import offset_from
 from server.settings import Settings
 from tests.integration.asking import JSON, posted
 from tests.integration.conftest import serving

@@ -9,9 +9,9 @@ from pathlib import Path
 import httpx
 import pytest
 
-from server import http_protocol
-from server.http_protocol import MAX_FIELDS, MAX_HEAD_BYTES, MAX_LINE_BYTES
 from server.settings import Settings
+from server.web import http_protocol
+from server.web.http_protocol import MAX_FIELDS, MAX_HEAD_BYTES, MAX_LINE_BYTES
 from tests.integration.raw import exchanged, served_here, status_of
 
 GET = b"GET /healthz HTTP/1.1\r\nHost: localhost\r\nConnection: close\r\n"

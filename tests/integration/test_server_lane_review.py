@@ -12,14 +12,15 @@ import pytest
 from sqlalchemy import select
 
 from contract.geometry import Kind, LatLon
-from server import logs, tables
+from server import logs
 from server.app import create_app
 from server.errors import UnavailableError
-from server.geodesy import distance_m, offset_from
-from server.keys import Role
-from server.quadkey import tiles
+from server.geometry.geodesy import distance_m, offset_from
+from server.geometry.quadkey import tiles
+from server.reading.tile_reader import TileReader
 from server.settings import Settings
-from server.tile_reader import TileReader
+from server.storage import tables
+from server.trust.keys import Role
 from tests.integration.asking import ago, created, near, posted
 from tests.integration.keys_of import bearer, client_of, keyed, opened
 from tests.unit.server.making import detection, message

@@ -16,18 +16,19 @@ from sqlalchemy import select
 from contract.history import Confirm, Dismiss, Inspect
 from contract.observation import ObservationReport, State
 from contract.obstacle import InspectionState
-from server import checkpoint, schema, tables
-from server.audit import Order
-from server.checkpoint import CheckpointError
-from server.database import Database
-from server.group import Outcome, decide_together
-from server.keys import Keys, Role
-from server.observation_log import LogGapError
+from server.ingesting.group import Outcome, decide_together
+from server.ingesting.parcel import Parcel
+from server.life.policy import COOPERATION
+from server.log import checkpoint
+from server.log.checkpoint import CheckpointError
+from server.log.observation_log import LogGapError
+from server.log.pruning import RetentionError, prune
+from server.log.replay import ReplayError, replay
 from server.operators import Operators
-from server.parcel import Parcel
-from server.policy import COOPERATION
-from server.pruning import RetentionError, prune
-from server.replay import ReplayError, replay
+from server.storage import schema, tables
+from server.storage.audit import Order
+from server.storage.database import Database
+from server.trust.keys import Keys, Role
 from server.upkeep import Upkeep
 from tests.unit.server.making import HOUR, PATRAS, absent, detection, message
 

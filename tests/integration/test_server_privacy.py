@@ -15,13 +15,13 @@ from sqlalchemy import select
 
 from contract.events import Position, ServerMessage
 from contract.geometry import LatLon
-from server import tables
-from server.database import Database
 from server.formats.denm import action_id
 from server.formats.names import FormatName
-from server.keys import Role
+from server.push.stream import Subscription
 from server.settings import Settings
-from server.stream import Subscription
+from server.storage import tables
+from server.storage.database import Database
+from server.trust.keys import Role
 from tests.integration.asking import AROUND_PATRAS, ago, created, posted
 from tests.integration.conftest import OPERATOR_KEY
 from tests.integration.keys_of import bearer, client_of, keyed, opened

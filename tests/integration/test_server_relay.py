@@ -11,9 +11,9 @@ from sqlalchemy import delete
 from websockets.asyncio.client import ClientConnection
 
 from contract.events import Appeared, Moved, Removed, Snapshot
-from server import tables
-from server.dependencies import Parts
 from server.settings import Settings
+from server.storage import tables
+from server.web.dependencies import Parts
 from tests.integration.conftest import OPERATOR_KEY
 from tests.integration.raw import served_here
 from tests.integration.test_server_events import Running, at, received, seen
@@ -38,7 +38,7 @@ async def two(guarded: Settings) -> AsyncIterator[Two]:
 @pytest.fixture
 def by_hand(monkeypatch: pytest.MonkeyPatch) -> None:
     """Nothing is relayed but when a test does it."""
-    monkeypatch.setattr("server.relay._INTERVAL_S", 3_600.0)
+    monkeypatch.setattr("server.push.relay._INTERVAL_S", 3_600.0)
 
 
 async def connected(socket: ClientConnection) -> None:

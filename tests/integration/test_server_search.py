@@ -13,7 +13,7 @@ import pytest
 from contract.geometry import Kind, LatLon
 from contract.observation import ObservationReport
 from server.app import create_app
-from server.around import geodesic
+from server.reading.around import geodesic
 from server.settings import Settings
 from tests.integration.asking import AROUND_PATRAS, JSON, ago, created, near, obstacles, pages, posted
 from tests.unit.server.making import PATRAS, detection, message

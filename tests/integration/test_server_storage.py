@@ -10,13 +10,13 @@ from alembic.runtime.migration import MigrationContext
 from sqlalchemy import Connection, select
 
 from contract.observation import ObservationBatch
-from server import schema, tables
-from server.database import Database
 from server.errors import SchemaOutOfDateError
-from server.policy import COOPERATION
-from server.quadkey import tiles
-from server.repository import Repository
+from server.geometry.quadkey import tiles
+from server.life.policy import COOPERATION
 from server.settings import Settings
+from server.storage import schema, tables
+from server.storage.database import Database
+from server.storage.repository import Repository
 from tests.integration.conftest import serving
 from tests.unit.server.making import HOUR, PATRAS, absent, detection, message
 

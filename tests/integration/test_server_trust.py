@@ -13,10 +13,10 @@ import pytest
 from pydantic import SecretStr
 
 from contract.observation import MAX_BODY_BYTES, ObservationBatch, ObservationReport
-from server import readiness
-from server.key_owners import KeyOwners
-from server.keys import Role
 from server.settings import Settings
+from server.trust.key_owners import KeyOwners
+from server.trust.keys import Role
+from server.web import readiness
 from tests.integration.asking import AROUND_PATRAS, JSON, ago
 from tests.integration.conftest import OPERATOR_KEY
 from tests.integration.keys_of import bearer, client_of, keyed, opened

@@ -33,7 +33,7 @@ from tests.integration.faulty_drive import along, link_to, report
 from tests.integration.faulty_proxy import FAULTS, FaultyProxy
 from tests.integration.processes import ServerProcess
 from tests.unit.server.making import PATRAS
-from vehicle_client.background import BackgroundLink
+from vehicle_client.link.background import BackgroundLink
 from vehicle_client.obstacle_map import ObstacleMap, apply, around
 
 ROOT = Path(__file__).parents[2]

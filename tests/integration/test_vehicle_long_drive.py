@@ -17,12 +17,12 @@ from headsup.demo.simulated import SimulatedSource, calibration, drive_on
 from simulator.street import first_light_street
 from simulator.world import World
 from tests.integration.serving import served
-from vehicle_client.background import BackgroundLink
-from vehicle_client.calibration_file import CarCalibration
 from vehicle_client.drive import Step, Vehicle
 from vehicle_client.frames import GeoOrigin
-from vehicle_client.link import ServerLink
+from vehicle_client.link.background import BackgroundLink
+from vehicle_client.link.server_link import ServerLink
 from vehicle_client.pacing import Paced, Ready
+from vehicle_client.sensing.calibration_file import CarCalibration
 from vehicle_client.session import Camera, drive_along, preparing
 from vehicle_client.sources.frame import LidarFrame
 from vehicle_client.totals import Totals

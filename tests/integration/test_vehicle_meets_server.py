@@ -18,18 +18,18 @@ from contract.events import Appeared, Removed
 from contract.geometry import LatLon
 from contract.observation import ObservationReport, ReportStatus
 from contract.obstacle import ObstacleCollection
-from server.geodesy import offset_from
+from server.geometry.geodesy import offset_from
 from tests.integration.test_server_process import serving
 from tests.unit.server.making import HOUR, PATRAS, absent, detection, message
 from vehicle_client.area import Reached, Surveyed
-from vehicle_client.delivery import Deliverer
-from vehicle_client.link import ServerLink
+from vehicle_client.link.delivery import Deliverer
+from vehicle_client.link.outbox import Outbox
+from vehicle_client.link.push import PushChannel, PushError
+from vehicle_client.link.server_link import ServerLink
 from vehicle_client.obstacle_map import ObstacleMap, apply
-from vehicle_client.outbox import Outbox
-from vehicle_client.privacy import Privacy
-from vehicle_client.pseudonym import Pseudonyms
-from vehicle_client.push import PushChannel, PushError
-from vehicle_client.quiet_zones import QuietZone
+from vehicle_client.privacy.pseudonym import Pseudonyms
+from vehicle_client.privacy.quiet_zones import QuietZone
+from vehicle_client.privacy.report_privacy import Privacy
 
 SHORT_S = 1.0
 """Long enough for an answer on loopback, short enough to wait for none."""

@@ -19,10 +19,10 @@ from headsup.driving import Asked, Outcome, run
 from tests.e2e.street_bags import StreetBags, make_bags
 from tests.integration.serving import served
 from tests.unit.vehicle_client.test_drive import CALIBRATION, HeldLink, flat_road, frame_at
-from vehicle_client.calibration_file import CarCalibration
 from vehicle_client.drive import Step, Vehicle
 from vehicle_client.faults import MOST_IN_A_ROW
 from vehicle_client.pacing import Paced
+from vehicle_client.sensing.calibration_file import CarCalibration
 from vehicle_client.session import Camera, drive_along, preparing
 from vehicle_client.sources.frame import LidarFrame, SourceError
 from vehicle_client.sources.live_sender import LiveSender, TcpSending

@@ -7,8 +7,8 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from vehicle_client.calibration import CameraCalibration
 from vehicle_client.frames import Matrix, apply, inverse
+from vehicle_client.sensing.calibration import CameraCalibration
 
 NEAR_M = 0.5
 """Points nearer than this to the image plane are not drawn: the windscreen is between them and the eye."""

@@ -14,8 +14,8 @@ import numpy as np
 from contract.geometry import Kind
 from vehicle_client.alerts import Alerts, Hazard, Stage
 from vehicle_client.ar.camera import arcmin_px, is_inside, project
-from vehicle_client.calibration import CameraCalibration
 from vehicle_client.frames import Matrix, Vector
+from vehicle_client.sensing.calibration import CameraCalibration
 
 MAX_MARKERS = 3
 """Users prefer permanent but little content."""

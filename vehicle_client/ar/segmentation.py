@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from detector.types import PointClass
 from vehicle_client.ar.camera import is_inside, project
-from vehicle_client.calibration import CameraCalibration
+from vehicle_client.sensing.calibration import CameraCalibration
 
 Image = NDArray[np.uint8]
 

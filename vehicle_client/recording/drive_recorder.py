@@ -18,11 +18,11 @@ from foxglove_schemas_protobuf.FrameTransforms_pb2 import FrameTransforms
 from numpy.typing import NDArray
 from pydantic_core import to_jsonable_python
 
-from vehicle_client.calibration import VehicleCalibration
 from vehicle_client.drive import Step
 from vehicle_client.recording import found_messages as found
 from vehicle_client.recording import sensor_messages as sensors
 from vehicle_client.recording.mcap_channels import McapChannels
+from vehicle_client.sensing.calibration import VehicleCalibration
 from vehicle_client.sources.frame import LidarFrame
 
 LOG = logging.getLogger(__name__)

@@ -19,7 +19,7 @@ from detector.types import DetectedObstacle, FrameDetection
 from vehicle_client.alerts import Alerts, Hazard
 from vehicle_client.frames import Matrix, Vector, rigid, rotation_about_z
 from vehicle_client.obstacle_map import ObstacleMap
-from vehicle_client.pose import Pose
+from vehicle_client.positioning.pose import Pose
 from vehicle_client.recording.sensor_messages import pose as pose_message
 from vehicle_client.recording.sensor_messages import timestamp
 from vehicle_client.tracking import Track

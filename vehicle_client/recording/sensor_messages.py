@@ -20,7 +20,7 @@ from scipy.spatial.transform import Rotation
 
 from detector.types import FrameDetection
 from vehicle_client.frames import Matrix
-from vehicle_client.pose import Pose as VehiclePose
+from vehicle_client.positioning.pose import Pose as VehiclePose
 from vehicle_client.sources.frame import GnssFix, LidarFrame
 
 JPEG_QUALITY = 90

@@ -14,10 +14,11 @@ from benchmarks.server_load import Cost, Load, script
 from benchmarks.server_report import Row
 from benchmarks.server_reports import FORMS, Form, write_bodies
 from contract.observation import MAX_BODY_BYTES, ObservationBatch
-from server import rows
-from server.parcel import Parcel, opened
-from server.policy import COOPERATION
+from server.ingesting.parcel import Parcel, opened
+from server.life.decay import expires_at
+from server.life.policy import COOPERATION
 from server.rules import Report
+from server.storage import rows
 
 NOW = datetime(2026, 6, 1, 12, tzinfo=UTC)
 
@@ -42,7 +43,7 @@ def test_obstacles_are_served_and_come_back_from_their_rows() -> None:
     row = rows.row_of(obstacle, COOPERATION.life)
     assert rows.obstacle_of(row, obstacle.evidence) == obstacle  # type: ignore[arg-type]  # a mapping is enough
     assert obstacle.is_live
-    assert rows.expires_at(obstacle, COOPERATION.life) > NOW
+    assert expires_at(obstacle, COOPERATION.life) > NOW
 
 
 @pytest.mark.parametrize("form", FORMS, ids=lambda form: form.name)

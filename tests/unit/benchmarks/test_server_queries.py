@@ -20,8 +20,8 @@ from benchmarks.server_queries import circle_path, filtered_path, near_obstacles
 from benchmarks.server_report import Report, Row
 from benchmarks.server_turns import Subject
 from contract.geometry import Kind
-from server.nearby_route import parsed
-from server.query import ObstacleQuery
+from server.reading.query import ObstacleQuery
+from server.web.nearby_route import parsed
 
 latitudes = st.floats(-70, 70).map(lambda value: round(value, 7))
 longitudes = st.floats(-179, 179).map(lambda value: round(value, 7))

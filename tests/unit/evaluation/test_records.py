@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from evaluation.records import Record, RecordsError, distinct_places, read_records, replay_records
-from server.geodesy import offset_from
+from server.geometry.geodesy import offset_from
 from tests.unit.server.making import NOON, PATRAS
 
 HEADER = "dtTime,VehicleName,Latitude,Longitude\n"

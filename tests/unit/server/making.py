@@ -16,8 +16,8 @@ from contract.observation import (
     Outcome,
     View,
 )
-from server.obstacle import Obstacle
-from server.policy import COOPERATION, Policy
+from server.life.obstacle import Obstacle
+from server.life.policy import COOPERATION, Policy
 from server.rules import Decision, Report, decide
 
 NOON = datetime(2026, 6, 1, 12, tzinfo=UTC)

@@ -10,7 +10,7 @@ import sys
 import pytest
 
 from server.logs import FIELDS, JsonLines, TextLines, configure
-from server.request_context import CURRENT, RequestContext
+from server.web.request_context import CURRENT, RequestContext
 
 SENSITIVE = "hu_a-key-and-38.2466-21.7346"
 

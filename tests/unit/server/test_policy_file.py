@@ -13,7 +13,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from contract.geometry import Kind
-from server.policy import COOPERATION, PAPER, Policy
+from server.life.policy import COOPERATION, PAPER, Policy
 from server.policy_file import PolicyFileError, as_toml, overridden, policy_of
 from server.settings import Settings
 

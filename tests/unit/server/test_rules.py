@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from contract.geometry import Kind, LatLon
 from contract.observation import DecisionKind, Detection, State
-from server.policy import COOPERATION, PAPER, Policy
+from server.life.policy import COOPERATION, PAPER, Policy
 from server.rules import Verdict
 from tests.unit.server.making import HOUR, NOON, PATRAS, Road, absent, detection, message, present
 

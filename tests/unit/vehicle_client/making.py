@@ -14,10 +14,10 @@ from contract.observation import State
 from contract.obstacle import ObstacleFeature, ObstacleProperties, PointGeometry
 from detector.types import DetectedObstacle, ObstacleKind, ShapeDescriptor
 from vehicle_client.area import Area, Surveyed
-from vehicle_client.calibration import CameraCalibration
 from vehicle_client.frames import GeoOrigin, Matrix, inverse, rigid, rotation_about_z, yaw_from_heading
 from vehicle_client.obstacle_map import ObstacleMap, apply
-from vehicle_client.pose import Pose
+from vehicle_client.positioning.pose import Pose
+from vehicle_client.sensing.calibration import CameraCalibration
 from vehicle_client.tracking import Track
 
 PATRAS = LatLon(latitude_deg=38.2466, longitude_deg=21.7346)

@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 from contract.geometry import LatLon
 from tests.unit.vehicle_client.making import ORIGIN, PATRAS
 from vehicle_client.area import Area, Strip, distance_m, offset_m
-from vehicle_client.course import LEAST_WAY_M, Course
 from vehicle_client.frames import GeoOrigin
+from vehicle_client.link.course import LEAST_WAY_M, Course
 
 metres = st.floats(-2_000, 2_000)
 

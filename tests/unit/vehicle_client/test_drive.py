@@ -11,10 +11,10 @@ import pytest
 from contract.events import Appeared, ServerMessage
 from contract.observation import ObservationReport, ReportResult
 from tests.unit.vehicle_client.making import PATRAS, feature, planar
-from vehicle_client.calibration import VehicleCalibration
 from vehicle_client.drive import Step, Vehicle
 from vehicle_client.frames import rigid
-from vehicle_client.link import ServerLink
+from vehicle_client.link.server_link import ServerLink
+from vehicle_client.sensing.calibration import VehicleCalibration
 from vehicle_client.sources.frame import GnssFix, LidarFrame
 
 CALIBRATION = VehicleCalibration(rigid(np.eye(3), np.array([0.0, 0.0, 2.4])), sensor="test")

@@ -10,7 +10,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from contract.geometry import LatLon
-from vehicle_client.calibration import WHEELBASE_M, VehicleCalibration, curvature_of
 from vehicle_client.frames import (
     GeoOrigin,
     Matrix,
@@ -23,6 +22,7 @@ from vehicle_client.frames import (
     yaw_from_heading,
     yaw_of,
 )
+from vehicle_client.sensing.calibration import WHEELBASE_M, VehicleCalibration, curvature_of
 
 angles = st.floats(-20, 20)
 metres = st.floats(-5_000, 5_000)

@@ -10,13 +10,13 @@ import pytest
 
 from tests.unit.vehicle_client.making import NOON_S, PATRAS, camera_ahead, planar
 from vehicle_client.ar.camera import project
-from vehicle_client.calibration import VehicleCalibration
-from vehicle_client.calibration_file import CarCalibration
-from vehicle_client.deskew import Spin
 from vehicle_client.frames import Matrix, apply, inverse, rigid, rotation_about_z
-from vehicle_client.preparation import Preparation
+from vehicle_client.sensing.calibration import VehicleCalibration
+from vehicle_client.sensing.calibration_file import CarCalibration
+from vehicle_client.sensing.deskew import Spin
+from vehicle_client.sensing.preparation import Preparation
+from vehicle_client.sensing.time_alignment import IMAGE_LASTS_S, SensorDelays, aligned
 from vehicle_client.sources.frame import GnssFix, LidarFrame, Motion
-from vehicle_client.time_alignment import IMAGE_LASTS_S, SensorDelays, aligned
 
 # A LiDAR ahead of the axle that looks to the left: its lever and its axes both count.
 MAST = rigid(rotation_about_z(0.7), np.array([1.2, 0.3, 1.7]))

@@ -18,7 +18,7 @@ from detector.types import DetectedObstacle, ObstacleKind
 from tests.unit.vehicle_client.making import NOON, ORIGIN, PATRAS, feature, planar, pose_at, seen
 from vehicle_client.alignment import Alignment
 from vehicle_client.frames import GeoOrigin, apply, rotation_about_z
-from vehicle_client.pose import Pose
+from vehicle_client.positioning.pose import Pose
 from vehicle_client.reporting import compose_report, detection_of, known_place
 
 angles = st.floats(-math.pi, math.pi)

@@ -14,9 +14,9 @@ from hypothesis import strategies as st
 from contract.geometry import Box, Kind, PlaneCovariance
 from contract.observation import State
 from contract.obstacle import ObstacleFeature
-from server.features import feature_of
 from server.formats import denm
-from server.obstacle import Obstacle
+from server.life.obstacle import Obstacle
+from server.storage.features import feature_of
 from tests.unit.server.making import HOUR, NOON, Road, absent, detection, message
 from tests.unit.server.served import covariances, feature, features
 

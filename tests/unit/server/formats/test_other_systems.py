@@ -12,7 +12,7 @@ from contract.observation import State
 from contract.obstacle import ObstacleFeature
 from server.formats import fiware, itis, waze
 from server.formats.codes import CODES
-from server.geodesy import LatLon, distance_m
+from server.geometry.geodesy import LatLon, distance_m
 from tests.unit.server.served import ID, feature, features
 
 

@@ -9,10 +9,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from contract.obstacle import Link, ObstacleCollection, ObstacleFeature
-from server import collection
 from server.errors import NotAcceptableError
 from server.formats.names import FormatName
 from server.formats.registry import FORMATS, chosen
+from server.reading import collection
 from tests.unit.server.served import NOON, features
 
 

@@ -9,8 +9,8 @@ from uuid import UUID
 import pytest
 from pydantic import ValidationError
 
-from server.around import Key
 from server.ogc.query import WHOLE_EARTH, Interval, ItemsQuery
+from server.reading.around import Key
 
 DAY, NEXT = datetime(2026, 6, 1, tzinfo=UTC), datetime(2026, 6, 2, tzinfo=UTC)
 

@@ -20,7 +20,7 @@ from vehicle_client.alerts import Alerts, Hazard, Stage
 from vehicle_client.ar.camera import project
 from vehicle_client.ar.renderer import draw
 from vehicle_client.ar.scene import BEACON_BEYOND_M, MAX_MARKERS, Scene, compose
-from vehicle_client.calibration import CameraCalibration
+from vehicle_client.sensing.calibration import CameraCalibration
 
 NOTHING = np.empty((0, 3))
 SIZES = [(640, 360), (1280, 720)]

@@ -9,8 +9,8 @@ import pytest
 
 from detector.types import PointClass
 from vehicle_client.ar.segmentation import COLOURS_BGR, class_image, filled, paint_classes, paint_saliency
-from vehicle_client.calibration import CameraCalibration
 from vehicle_client.frames import rigid
+from vehicle_client.sensing.calibration import CameraCalibration
 
 AHEAD = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
 

@@ -14,10 +14,10 @@ from mcap.reader import make_reader
 from detector.types import FrameDetection
 from tests.unit.vehicle_client.making import NOON_S, PATRAS, feature, map_of, planar, pose_at, seen, track_at
 from vehicle_client.alerts import Alerts
-from vehicle_client.calibration import VehicleCalibration
 from vehicle_client.drive import Step
 from vehicle_client.obstacle_map import ObstacleMap
 from vehicle_client.recording.drive_recorder import DriveRecorder, RecordingError
+from vehicle_client.sensing.calibration import VehicleCalibration
 from vehicle_client.sources.frame import GnssFix, LidarFrame, Motion
 from vehicle_client.sources.opening import open_source
 

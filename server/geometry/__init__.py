@@ -1,0 +1,1 @@
+"""Places on the earth: geodesics, tiles, footprints, boxes of latitude and longitude."""

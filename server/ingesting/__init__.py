@@ -1,0 +1,1 @@
+"""Reports on their way in: checked, queued, decided in groups."""

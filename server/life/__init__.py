@@ -1,0 +1,1 @@
+"""The parts of the rule an obstacle lives by; `server.rules` puts them together. Pure."""

@@ -1,0 +1,15 @@
+"""Confidence fades while nobody sees the obstacle. Pure."""
+
+from __future__ import annotations
+
+import math
+from datetime import datetime, timedelta
+
+from server.life.obstacle import Obstacle
+from server.life.policy import Life
+
+
+def expires_at(obstacle: Obstacle, life: Life) -> datetime:
+    """When decay brings the confidence below what is worth a warning."""
+    half_lives = max(0.0, math.log2(max(obstacle.confidence, life.expired_confidence) / life.expired_confidence))
+    return obstacle.as_of + timedelta(seconds=half_lives * life.half_life_s[obstacle.kind])

@@ -1,0 +1,1 @@
+"""The observation log: what was reported, checkpoints, replay, pruning."""

@@ -1,0 +1,1 @@
+"""Vehicles told at once: the stream, and what vehicles at other servers were told."""

@@ -1,0 +1,1 @@
+"""Obstacles on their way out: nearby queries from memory, searches, pages."""

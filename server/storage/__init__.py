@@ -1,0 +1,1 @@
+"""SQLite and PostgreSQL: tables, statements, transactions, and what is read and written in them."""

@@ -1,0 +1,133 @@
+"""Every query of the service's rule. One `Repository` works inside one transaction of the caller."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from datetime import datetime
+from uuid import UUID
+
+from sqlalchemy import ColumnElement, RowMapping, and_, or_, select, text
+from sqlalchemy.dialects import postgresql, sqlite
+from sqlalchemy.ext.asyncio import AsyncConnection
+from sqlalchemy.sql.dml import Insert
+
+from contract.geometry import LatLon
+from contract.observation import State
+from contract.obstacle import ObstacleFeature
+from server.geometry.quadkey import Ranges, cover, shard_of_tile
+from server.life.identity import shard_of_id
+from server.life.obstacle import Obstacle
+from server.life.plausibility import LastPlace
+from server.life.policy import Life
+from server.storage import candidates, rows, tables
+from server.storage.candidates import Asked
+from server.storage.features import stored_feature
+from server.storage.statements import (
+    answers_to,
+    numbered,
+    padded,
+    places_of,
+    tiles_for_update,
+)
+from server.storage.working_set import Tile, WorkingSet
+
+ReportName = tuple[str, UUID]
+
+
+@dataclass(frozen=True, slots=True)
+class Answered:
+    """What was sent and answered under a report's name."""
+
+    body_sha256: str
+    answer: str
+
+
+class Repository:
+    """Reads obstacles, their evidence and the observation log; `server.storage.writing` writes what was decided."""
+
+    def __init__(self, connection: AsyncConnection, life: Life) -> None:
+        self._connection = connection
+        self._life = life
+
+    async def ping(self) -> None:
+        """Fail if the database does not answer."""
+        await self._connection.execute(text("SELECT 1"))
+
+    async def hold(self, tiles: Iterable[int]) -> dict[int, Tile]:
+        """Take the tiles for this transaction, in ascending order; what could match is read after it."""
+        wanted = sorted(set(tiles))
+        held = await self._held(wanted)
+        if missing := [number for number in wanted if number not in held]:
+            new = [{"shard": shard_of_tile(number), "tile": number, "version": 0, "lock_seq": 0} for number in missing]
+            await self._connection.execute(self._insert_if_missing("tile"), new)
+            held = await self._held(wanted)
+        return held
+
+    async def working_set(self, held: dict[int, Tile], asked: Sequence[Asked]) -> WorkingSet:
+        """All obstacles that reports could concern, removed ones too, with the evidence that decisions may need."""
+        return WorkingSet(held, *await candidates.read(self._connection, asked), self._life)
+
+    async def near(self, centre: LatLon, radius_m: float, now: datetime) -> tuple[ObstacleFeature, ...]:
+        """Live obstacles in the cells of a circle (a little more than the circle) that have not expired."""
+        table = tables.obstacle
+        is_served = and_(table.c.state != State.REMOVED.value, table.c.expires_at > now)
+        inside = _in_cells(cover(centre, radius_m))
+        return tuple(stored_feature(row, self._life) for row in await self._obstacle_rows(inside, is_served))
+
+    async def obstacle(self, identifier: UUID) -> Obstacle | None:
+        """An obstacle by id, also a removed one."""
+        table = tables.obstacle
+        found = await self._obstacle_rows(table.c.shard == shard_of_id(identifier), table.c.id == identifier)
+        return rows.obstacle_of(found[0]) if found else None
+
+    async def answered(self, names: Iterable[ReportName]) -> dict[ReportName, Answered]:
+        """What was answered before, by the reports' names."""
+        wanted = padded(sorted(set(names)))
+        if not wanted:
+            return {}
+        values = numbered("key", [key for key, _ in wanted]) | numbered("report", [report for _, report in wanted])
+        found = await self._connection.execute(answers_to(len(wanted)), values)
+        return {(row.key_id, row.report_id): Answered(row.body_sha256, row.answer) for row in found}
+
+    async def last_places(self, witnesses: Iterable[str]) -> dict[str, LastPlace]:
+        """Where witnesses were when they last reported."""
+        names = padded(sorted(set(witnesses)))
+        if not names:
+            return {}
+        found = await self._connection.execute(places_of(len(names)), numbered("name", names))
+        return {
+            row.witness: LastPlace(
+                LatLon(latitude_deg=row.latitude_deg, longitude_deg=row.longitude_deg), row.sd_m, row.observed_at
+            )
+            for row in found
+        }
+
+    async def secret(self, name: str, fresh: str) -> str:
+        """A secret of this installation; `fresh` becomes it when there is none yet."""
+        await self._connection.execute(self._insert_if_missing("secret").values(name=name, value=fresh))
+        query = select(tables.secret.c.value).where(tables.secret.c.name == name)
+        return str((await self._connection.execute(query)).scalar_one())
+
+    async def _held(self, tiles: list[int]) -> dict[int, Tile]:
+        if not tiles:
+            return {}
+        wanted = padded(tiles)
+        values = numbered("shard", [shard_of_tile(number) for number in wanted]) | numbered("tile", wanted)
+        found = await self._connection.execute(tiles_for_update(len(wanted)), values)
+        return {row.tile: Tile(row.version, row.lock_seq) for row in found}
+
+    async def _obstacle_rows(self, *conditions: ColumnElement[bool]) -> Sequence[RowMapping]:
+        query = select(tables.obstacle).where(*conditions).order_by(tables.obstacle.c.id)
+        return (await self._connection.execute(query)).mappings().all()
+
+    def _insert_if_missing(self, name: str) -> Insert:
+        table = tables.metadata.tables[name]
+        if self._connection.dialect.name == "sqlite":
+            return sqlite.insert(table).on_conflict_do_nothing()
+        return postgresql.insert(table).on_conflict_do_nothing()
+
+
+def _in_cells(ranges: Ranges) -> ColumnElement[bool]:
+    cell = tables.obstacle.c.cell
+    return or_(*(cell.between(low, high) for low, high in ranges))

@@ -1,0 +1,96 @@
+"""The database's schema: which revision it is at, and bringing it to this version's by Alembic."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import cache
+from importlib.resources import as_file, files
+
+from alembic import command
+from alembic.config import Config
+from alembic.runtime.migration import MigrationContext
+from alembic.script import ScriptDirectory
+from sqlalchemy import Connection, inspect
+
+from server.errors import SchemaOutOfDateError, ServiceError
+from server.storage.database import Database
+
+
+class UnknownRevisionError(ServiceError):
+    """There is no such revision to go back to."""
+
+
+async def upgrade(database: Database) -> str:
+    """Bring the schema to this version's revision, which is returned; harmless when it already is."""
+    async with database.write() as connection:
+        await connection.run_sync(_migrate, command.upgrade, "head")
+    return head_revision()
+
+
+async def downgrade(database: Database, revision: str) -> str:
+    """Take the schema back to an earlier revision, which is returned. Raises `UnknownRevisionError`."""
+    current = await current_revision(database)
+    earlier = [name for name, _ in revisions()]
+    if revision not in earlier or current not in earlier or earlier.index(revision) > earlier.index(current):
+        raise UnknownRevisionError(f"{revision!r} is no revision before {current}: see `headsup db status`")
+    async with database.write() as connection:
+        await connection.run_sync(_migrate, command.downgrade, revision)
+    return revision
+
+
+async def current_revision(database: Database) -> str | None:
+    """The revision that the database is at; None when it has no schema of ours."""
+    async with database.read() as connection:
+        return await connection.run_sync(_current_revision)
+
+
+async def prepare(database: Database) -> None:
+    """Give a fresh SQLite file its schema; refuse any other that is not this version's."""
+    async with database.read() as connection:
+        is_fresh = await connection.run_sync(is_empty)
+    if is_fresh and database.is_sqlite:
+        await upgrade(database)
+    await check(database)
+
+
+async def check(database: Database) -> None:
+    """Refuse a schema that is not this version's."""
+    current = await current_revision(database)
+    if current != head_revision():
+        raise SchemaOutOfDateError(
+            f"the database's schema is at {current or 'no revision'}, this version needs {head_revision()}: "
+            "run `headsup db upgrade`"
+        )
+
+
+@cache
+def head_revision() -> str:
+    """The revision that this version needs."""
+    with as_file(files("migrations")) as folder:
+        head = ScriptDirectory(str(folder)).get_current_head()
+    assert head is not None  # noqa: S101  # the migrations are part of the package
+    return head
+
+
+def revisions() -> list[tuple[str, str]]:
+    """All revisions with what each is for, the first one first."""
+    with as_file(files("migrations")) as folder:
+        scripts = list(ScriptDirectory(str(folder)).walk_revisions())
+    return [(script.revision, script.doc) for script in reversed(scripts)]
+
+
+def _migrate(connection: Connection, move: Callable[[Config, str], None], revision: str) -> None:
+    with as_file(files("migrations")) as folder:
+        config = Config()
+        config.set_main_option("script_location", str(folder).replace("%", "%%"))
+        config.attributes["connection"] = connection
+        move(config, revision)
+
+
+def is_empty(connection: Connection) -> bool:
+    """Whether the database has no tables at all."""
+    return not inspect(connection).get_table_names()
+
+
+def _current_revision(connection: Connection) -> str | None:
+    return MigrationContext.configure(connection).get_current_revision()

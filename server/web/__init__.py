@@ -1,0 +1,1 @@
+"""HTTP: endpoints, bodies, journal, errors at the edge."""

@@ -1,0 +1,50 @@
+"""All routers of the service, and those that vehicles use: observations, push."""
+
+from __future__ import annotations
+
+from fastapi import APIRouter, Depends, WebSocket
+
+from contract.observation import ObservationBatch, ObservationBatchResult
+from server.ogc import endpoints as ogc_endpoints
+from server.web import operation_endpoints, operator_endpoints, reader_endpoints
+from server.web.dependencies import REFUSALS, CallerNow, Parts, PartsNow, bearer, must_be_json, once_each, refusals
+from server.web.events_socket import serve_events
+
+__all__ = ["ROUTERS", "Parts"]
+
+vehicles = APIRouter(prefix="/v1", responses=REFUSALS, dependencies=[Depends(bearer), Depends(once_each)])
+push = APIRouter(prefix="/v1")
+
+
+@vehicles.post(
+    "/observations",
+    tags=["observations"],
+    dependencies=[Depends(must_be_json)],
+    responses=refusals(
+        s400="the body is not text in UTF-8",
+        s403="a key of role reader may not post",
+        s413="the body exceeds 1 MiB: send half",
+        s415="the body is not application/json",
+    ),
+)
+async def post_observations(batch: ObservationBatch, caller: CallerNow, parts: PartsNow) -> ObservationBatchResult:
+    """Take a batch of reports and answer each, in order. Safe to repeat: a report counts once by its id and key."""
+    parts.admission.reports(caller, len(batch.reports))
+    return await parts.service.observe(caller, batch)
+
+
+@push.websocket("/events")
+async def events(socket: WebSocket) -> None:
+    """Push around a moving vehicle: see `contract/events.py`."""
+    parts: Parts = socket.app.state.parts
+    await serve_events(socket, parts)
+
+
+ROUTERS = (
+    vehicles,
+    reader_endpoints.readers,
+    operator_endpoints.operators,
+    ogc_endpoints.ogc,
+    push,
+    operation_endpoints.operation,
+)

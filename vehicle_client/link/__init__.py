@@ -1,0 +1,1 @@
+"""The vehicle and the server: outbox, delivery, listening, the map kept on disk."""

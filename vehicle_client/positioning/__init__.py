@@ -1,0 +1,1 @@
+"""Where the vehicle is: satellite fixes, heading and odometry joined."""

@@ -1,0 +1,186 @@
+"""Odometry for drives that bring none: from wheels and yaw rate, else from the sweeps themselves."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vehicle_client.frames import Matrix, inverse, rigid, rotation_about_z
+from vehicle_client.positioning.odometry_history import ODOMETRY_GAP_S
+from vehicle_client.sensing.calibration import curvature_of
+from vehicle_client.sensing.deskew import deskew, twist_between
+from vehicle_client.sources.frame import LidarFrame, Motion
+
+COASTS_S = 0.5
+"""Cars send wheel speed at 10 to 100 Hz: after half a second of silence the line is cut, and there is no odometry."""
+
+VOXEL_M = 1.0
+"""The map that sweeps are matched to: KISS-ICP's own default, a hundredth of its range."""
+
+LEAST_POINTS = 100
+"""Fewer points hold no shape to match."""
+
+GROUND_BELOW_M = 0.4
+"""A ring on a flat road looks the same wherever the car is, and holds a match where it was: on a simulated street the
+whole sweep moves by 1 m in 57, and what is higher than kerbs by 57.4."""
+
+MOST_ABOVE, MOST_GROUND = 24_000, 1_200
+"""Of a sweep of 115,000 points so many, evenly chosen, give the same way in half the time, and half of them a rougher
+one; of the ground a few keep height, pitch and roll."""
+
+
+@dataclass(frozen=True, slots=True)
+class DeadReckoning:
+    """Where wheels and yaw rate have carried a car in the plane, by arcs of constant speed and rate."""
+
+    stamp_s: float
+    x_m: float = 0.0
+    y_m: float = 0.0
+    yaw_rad: float = 0.0
+    speed_mps: float = 0.0
+    yaw_rate_rps: float = 0.0
+    heard_s: float = -math.inf
+
+    def after(self, motions: Sequence[Motion], stamp_s: float) -> DeadReckoning:
+        """The car at `stamp_s`, Unix time; motions that are late, or beyond it, count from where the car is."""
+        car = self
+        for motion in motions:
+            if motion.speed_mps is None or not _finite(motion):
+                continue
+            car = car._coasted(min(motion.stamp_s, stamp_s))
+            rate = motion.yaw_rate_rps
+            car = replace(
+                car,
+                speed_mps=motion.speed_mps,
+                # A gyro's offset must not turn a parked car.
+                yaw_rate_rps=0.0 if motion.speed_mps == 0 else car.yaw_rate_rps if rate is None else rate,
+                heard_s=motion.stamp_s,
+            )
+        return car._coasted(stamp_s)
+
+    def odom_from_vehicle(self) -> Matrix | None:
+        """(4, 4), or None when nothing was heard for `COASTS_S`."""
+        if self.stamp_s - self.heard_s > COASTS_S:
+            return None
+        return rigid(rotation_about_z(self.yaw_rad), np.array([self.x_m, self.y_m, 0.0]))
+
+    def _coasted(self, stamp_s: float) -> DeadReckoning:
+        """On the arc until a moment; a moment before the present (a clock was set back) only sets the time."""
+        elapsed_s = min(stamp_s - self.stamp_s, ODOMETRY_GAP_S)
+        if elapsed_s <= 0:
+            return self if elapsed_s > -COASTS_S else replace(self, stamp_s=stamp_s)
+        turn = self.yaw_rate_rps * elapsed_s
+        chord_m = self.speed_mps * elapsed_s * float(np.sinc(turn / (2 * math.pi)))
+        towards = self.yaw_rad + turn / 2
+        return replace(
+            self,
+            stamp_s=stamp_s,
+            x_m=self.x_m + chord_m * math.cos(towards),
+            y_m=self.y_m + chord_m * math.sin(towards),
+            yaw_rad=math.remainder(self.yaw_rad + turn, 2 * math.pi),
+        )
+
+
+def _finite(motion: Motion) -> bool:
+    return all(
+        value is None or math.isfinite(value) for value in (motion.stamp_s, motion.speed_mps, motion.yaw_rate_rps)
+    )
+
+
+class Tracker(Protocol):
+    """Something that follows the car from frame to frame."""
+
+    def odom_from_vehicle(self, frame: LidarFrame) -> Matrix | None:
+        """(4, 4) at the frame's stamp, None if it cannot be said."""
+        ...
+
+
+class Given:
+    """The source brings odometry."""
+
+    def odom_from_vehicle(self, frame: LidarFrame) -> Matrix | None:
+        """What the frame says."""
+        return frame.odom_from_vehicle
+
+
+class Wheels:
+    """Dead reckoning over the frames' motions; without a yaw rate the steering tells the turn."""
+
+    def __init__(self, wheelbase_m: float) -> None:
+        self._wheelbase_m = wheelbase_m
+        self._car: DeadReckoning | None = None
+
+    def odom_from_vehicle(self, frame: LidarFrame) -> Matrix | None:
+        """Where wheels have carried the car until the frame's stamp."""
+        if self._car is None:
+            self._car = DeadReckoning(frame.stamp_s)
+        self._car = self._car.after(self._motions(frame), frame.stamp_s)
+        return self._car.odom_from_vehicle()
+
+    def _motions(self, frame: LidarFrame) -> list[Motion]:
+        said = frame.motions or ((Motion(frame.stamp_s, frame.speed_mps),) if frame.speed_mps is not None else ())
+        curvature = curvature_of(frame.steering_rad, self._wheelbase_m)
+        return [
+            m if m.yaw_rate_rps is not None or m.speed_mps is None else replace(m, yaw_rate_rps=m.speed_mps * curvature)
+            for m in said
+        ]
+
+
+class ScanMatching:
+    """KISS-ICP (Vizzo et al., IEEE RA-L 8(2), 2023): each sweep is laid on the map of those before it.
+
+    Points with times are brought to the sweep's stamp first, by the motion before. One thread, so that the same sweeps
+    give the same poses.
+    """
+
+    def __init__(self, vehicle_from_sensor: Matrix) -> None:
+        from kiss_icp.config import KISSConfig
+        from kiss_icp.kiss_icp import KissICP
+
+        config = KISSConfig()
+        config.mapping.voxel_size = VOXEL_M
+        config.data.deskew = False
+        config.registration.max_num_threads = 1
+        self._matcher = KissICP(config)
+        self._vehicle_from_sensor = vehicle_from_sensor
+        self._stamps_s: tuple[float, ...] = ()
+
+    def odom_from_vehicle(self, frame: LidarFrame) -> Matrix | None:
+        """(4, 4), in the car's frame at the first sweep; None where too few points came."""
+        points = self._at_stamp(frame)
+        points = self._worth_matching(points[np.isfinite(points).all(axis=1)])
+        if len(points) < LEAST_POINTS:
+            return None
+        self._matcher.register_frame(points.astype(np.float64), np.empty(0))
+        self._stamps_s = (*self._stamps_s[-1:], frame.stamp_s)
+        moved = np.asarray(self._matcher.last_pose, dtype=np.float64)
+        return self._vehicle_from_sensor @ moved @ inverse(self._vehicle_from_sensor)
+
+    def _worth_matching(self, points_m: NDArray[np.float32]) -> NDArray[np.float32]:
+        to_up = self._vehicle_from_sensor[2].astype(np.float32)
+        above = points_m @ to_up[:3] + to_up[3] > GROUND_BELOW_M
+        return np.concatenate([_thinned(points_m[above], MOST_ABOVE), _thinned(points_m[~above], MOST_GROUND)])
+
+    def _at_stamp(self, frame: LidarFrame) -> NDArray[np.float32]:
+        if frame.point_time_s is None or len(self._stamps_s) < 2:
+            return frame.points_m
+        twist = twist_between(np.asarray(self._matcher.last_delta), self._stamps_s[1] - self._stamps_s[0])
+        return frame.points_m if twist is None else deskew(frame.points_m, frame.point_time_s, twist)
+
+
+def _thinned(points_m: NDArray[np.float32], most: int) -> NDArray[np.float32]:
+    return points_m[:: math.ceil(max(1, len(points_m)) / most)]
+
+
+def tracker_for(frame: LidarFrame, vehicle_from_sensor: Matrix, wheelbase_m: float) -> Tracker:
+    """What follows the car on a drive whose first frame this is: the source's odometry, wheels, or the sweeps."""
+    if frame.odom_from_vehicle is not None:
+        return Given()
+    if frame.motions or frame.speed_mps is not None:
+        return Wheels(wheelbase_m)
+    return ScanMatching(vehicle_from_sensor)

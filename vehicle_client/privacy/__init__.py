@@ -1,0 +1,1 @@
+"""What leaves the vehicle: coarse places, rotating names, quiet zones."""
