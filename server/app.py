@@ -34,6 +34,7 @@ from server.web import endpoints
 from server.web.body_limit import BodyLimit
 from server.web.edge import Edge
 from server.web.endpoints import Parts
+from server.web.head import Head
 from server.web.journal import Journal
 from server.web.metrics import Metrics, RequestCounts
 from server.web.nearby_route import NearbyLane
@@ -96,6 +97,7 @@ def _wrap(app: FastAPI, settings: Settings, journal: Journal) -> None:
             allow_headers=["Authorization", "If-None-Match"],
             expose_headers=["ETag", "Link", "Retry-After", "X-Request-Id"],
         )
+    app.add_middleware(Head)
     app.add_middleware(Edge, journal=journal)
 
 
