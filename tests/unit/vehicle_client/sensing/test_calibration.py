@@ -15,7 +15,7 @@ from vehicle_client.sensing.calibration_file import CalibrationError, read_calib
 from vehicle_client.sensing.deskew import Spin
 from vehicle_client.sensing.time_alignment import SensorDelays
 
-DOCS = Path(__file__).parents[3] / "docs"
+DOCS = Path(__file__).parents[4] / "docs"
 LIDAR = '[lidar]\nsensor = "x"\nplace_m = [0, 0, 1.7]\n'
 CAMERA = (
     "[camera]\nplace_m = [1, 0, 1.2]\nwidth_px = 640\nheight_px = 480\nfocal_px = [500, 500]\ncentre_px = [320, 240]\n"
