@@ -97,7 +97,7 @@ def test_what_was_put_is_there_after_reopening_oldest_first(path: Path) -> None:
 def test_a_report_survives_a_process_that_is_killed_right_after_putting_it(path: Path) -> None:
     report = reports(1)[0]
     program = (
-        "import os, sys; from contract.observation import ObservationReport; from vehicle_client.outbox import Outbox;"
+        "import os, sys; from contract.observation import ObservationReport; from vehicle_client.link.outbox import Outbox;"
         "Outbox(sys.argv[1]).put(ObservationReport.model_validate_json(sys.stdin.read())); os._exit(9)"
     )
     ended = subprocess.run([sys.executable, "-c", program, str(path)], input=report.model_dump_json().encode())
@@ -234,7 +234,7 @@ def test_two_processes_on_one_file_are_refused_clearly(path: Path) -> None:
     with reopened(path):
         with pytest.raises(OutboxError, match="in use by another process"):
             Outbox(path)
-        program = "import sys; from vehicle_client.outbox import Outbox; Outbox(sys.argv[1])"
+        program = "import sys; from vehicle_client.link.outbox import Outbox; Outbox(sys.argv[1])"
         other = subprocess.run([sys.executable, "-c", program, str(path)], capture_output=True, text=True)
     assert "in use by another process" in other.stderr
     with reopened(path) as outbox:
