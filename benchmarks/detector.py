@@ -35,10 +35,10 @@ from detector.pipeline import detect
 from detector.saliency import saliency_map
 from detector.types import DetectorInput
 from evaluation.peers import SWEEP_PEERS
-from simulator.lidar import LidarModel
-from simulator.lidar_presets import LIDAR_PRESETS
 from simulator.mesh import pose
-from simulator.street import LANE_CENTRE_M, first_light_street
+from simulator.sensors.lidar import LidarModel
+from simulator.sensors.lidar_presets import LIDAR_PRESETS
+from simulator.streets.street import LANE_CENTRE_M, first_light_street
 from simulator.world import World
 
 FloatArray = NDArray[np.float64]

@@ -22,10 +22,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from simulator.lidar import LidarModel, azimuths
-from simulator.lidar_presets import LIDAR_PRESETS
 from simulator.mesh import pose
-from simulator.street import LANE_CENTRE_M, first_light_street
+from simulator.sensors.lidar import LidarModel, azimuths
+from simulator.sensors.lidar_presets import LIDAR_PRESETS
+from simulator.streets.street import LANE_CENTRE_M, first_light_street
 from simulator.world import Hits, World
 
 FloatArray = NDArray[np.float64]

@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 from detector.pipeline import detect, estimate_sensor_height
 from detector.robust import fit_tukey
 from detector.types import DetectorInput, Float32Array
-from simulator.pothole import pothole
-from simulator.relief import Relief
+from simulator.shapes.pothole import pothole
+from simulator.shapes.relief import Relief
 from vehicle_client.sources.files import read_cloud
 
 FloatArray = NDArray[np.float64]

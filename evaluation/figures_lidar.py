@@ -24,9 +24,9 @@ from evaluation.figure_style import (
     plain,
     save,
 )
-from simulator.lidar_presets import LIDAR_PRESETS
 from simulator.mesh import pose
-from simulator.street import LANE_CENTRE_M, first_light_street
+from simulator.sensors.lidar_presets import LIDAR_PRESETS
+from simulator.streets.street import LANE_CENTRE_M, first_light_street
 from simulator.world import World
 
 FloatArray = NDArray[np.float64]

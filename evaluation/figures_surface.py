@@ -15,8 +15,8 @@ from scipy.interpolate import RegularGridInterpolator, griddata
 from detector.types import DetectedObstacle, FrameDetection, PointClass
 from evaluation.figure_style import colour_bar, draw_boxes, new_figure, plain, save
 from evaluation.survey_detection import detect_survey
-from simulator.relief import Relief
-from simulator.street import first_light_street
+from simulator.shapes.relief import Relief
+from simulator.streets.street import first_light_street
 
 FloatArray = NDArray[np.float64]
 

@@ -15,7 +15,7 @@ from rich.progress import track
 
 from evaluation.lidar_candidates import Sample, samples
 from evaluation.lidar_course import course, drive, presets
-from simulator.street import Roughness
+from simulator.streets.street import Roughness
 
 FloatArray = NDArray[np.float64]
 

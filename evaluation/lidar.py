@@ -16,7 +16,7 @@ from detector.pipeline import detect
 from detector.types import DetectedObstacle
 from evaluation.lidar_course import Course, Moment, course, drive, in_sensor, in_sight, presets
 from evaluation.segmentation import Confusion, confusion
-from simulator.street import Roughness
+from simulator.streets.street import Roughness
 
 FloatArray = NDArray[np.float64]
 

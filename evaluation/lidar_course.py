@@ -11,22 +11,22 @@ from numpy.typing import NDArray
 
 from contract.geometry import Kind
 from detector.types import DetectorInput
-from simulator.beam import Beam
-from simulator.debris import Debris, DebrisKind, debris
-from simulator.hump import bump
-from simulator.lidar import LidarModel
-from simulator.lidar_presets import hdl32e, hdl64e
 from simulator.mesh import pose
 from simulator.motion import Standing, rigid
-from simulator.placing import apart, placed_obstacle
-from simulator.pothole import pothole
 from simulator.readings import Sweep
-from simulator.relief import Relief
-from simulator.street import DRAWN_BEYOND_M, PlacedObstacle, Roughness, Street
-from simulator.trajectory import Path, Sway, Trajectory, lane_path
+from simulator.sensors.beam import Beam
+from simulator.sensors.lidar import LidarModel
+from simulator.sensors.lidar_presets import hdl32e, hdl64e
+from simulator.shapes.debris import Debris, DebrisKind, debris
+from simulator.shapes.hump import bump
+from simulator.shapes.pothole import pothole
+from simulator.shapes.relief import Relief
+from simulator.streets.placing import apart, placed_obstacle
+from simulator.streets.street import DRAWN_BEYOND_M, PlacedObstacle, Roughness, Street
+from simulator.streets.trajectory import Path, Sway, Trajectory, lane_path
+from simulator.streets.world_plan import WorldPlan
+from simulator.streets.worlds import random_street
 from simulator.world import World
-from simulator.world_plan import WorldPlan
-from simulator.worlds import random_street
 
 FloatArray = NDArray[np.float64]
 

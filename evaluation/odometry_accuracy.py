@@ -12,11 +12,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from evaluation.carving import read_scan
-from simulator.lidar_presets import hdl64e
 from simulator.mesh import pose
 from simulator.motion import Carried
 from simulator.readings import Sweep
-from simulator.street import LANE_CENTRE_M, first_light_street
+from simulator.sensors.lidar_presets import hdl64e
+from simulator.streets.street import LANE_CENTRE_M, first_light_street
 from simulator.world import World
 from vehicle_client.frames import inverse, yaw_of
 from vehicle_client.positioning.odometry import ScanMatching

@@ -16,13 +16,13 @@ from detector.inspection import KnownPlace
 from detector.pipeline import detect
 from detector.types import DetectorInput
 from evaluation.passes_street import HOLE_SIZES
-from simulator.lidar import LidarModel
-from simulator.lidar_presets import carla_default, hdl64e
 from simulator.mesh import pose
 from simulator.motion import Carried, rigid
 from simulator.readings import Sweep
-from simulator.street import PlacedObstacle
-from simulator.trajectory import Sway, Trajectory, path_beside
+from simulator.sensors.lidar import LidarModel
+from simulator.sensors.lidar_presets import carla_default, hdl64e
+from simulator.streets.street import PlacedObstacle
+from simulator.streets.trajectory import Sway, Trajectory, path_beside
 from simulator.world import World
 
 FloatArray = NDArray[np.float64]

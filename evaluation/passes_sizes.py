@@ -16,8 +16,8 @@ from detector.shape import measure
 from detector.types import DetectedObstacle
 from evaluation.passes_drive import Look
 from evaluation.passes_street import hole_size
-from simulator.footprint import footprint_polygon
-from simulator.street import PlacedObstacle
+from simulator.shapes.footprint import footprint_polygon
+from simulator.streets.street import PlacedObstacle
 
 FRONT_AND_REAR, FRONT = "front and rear", "front"
 

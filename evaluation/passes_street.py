@@ -8,12 +8,12 @@ from dataclasses import replace
 import numpy as np
 
 from contract.geometry import Kind
-from simulator.debris import Debris, DebrisKind, debris, random_debris
-from simulator.hump import bump
-from simulator.pothole import PotholeShape
-from simulator.relief import Relief
-from simulator.road import straight_road
-from simulator.street import ParkedCar, PlacedObstacle, Roadside, Roughness, Street
+from simulator.shapes.debris import Debris, DebrisKind, debris, random_debris
+from simulator.shapes.hump import bump
+from simulator.shapes.pothole import PotholeShape
+from simulator.shapes.relief import Relief
+from simulator.streets.road import straight_road
+from simulator.streets.street import ParkedCar, PlacedObstacle, Roadside, Roughness, Street
 
 TUNING_SEEDS = (1, 2, 3)
 """Streets on which constants of `detector.outline` and `detector.shape` were chosen; no figure comes from them."""

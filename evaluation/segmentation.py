@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from detector.types import LabelArray, PointClass
 from evaluation.lidar_course import Course, Moment
-from simulator.scenery import Surface
+from simulator.scene.scenery import Surface
 
 # Classes that are told apart: a car half on the kerb is both in and outside the range of the road.
 NAMES = ("flat, off the road", "road", "standing", "obstacle on the road")

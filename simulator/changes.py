@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simulator.readings import ObstacleTruth
-from simulator.street import GeoReference, PlacedObstacle, Street
+from simulator.streets.street import GeoReference, PlacedObstacle, Street
 from simulator.world import World
 
 FloatArray = NDArray[np.float64]

@@ -9,12 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simulator.changes import Worlds
-from simulator.instruments import Carrier, instrument
-from simulator.lidar import LidarModel
-from simulator.odometry import Odometer, OdometryModel
 from simulator.readings import EgoFrame
 from simulator.scenario import Ego
-from simulator.sensor_config import SensorRig
+from simulator.sensors.instruments import Carrier, instrument
+from simulator.sensors.lidar import LidarModel
+from simulator.sensors.odometry import Odometer, OdometryModel
+from simulator.sensors.sensor_config import SensorRig
 
 FloatArray = NDArray[np.float64]
 

@@ -26,7 +26,7 @@ from simulator.recording.files import RecordingError, write_whole
 from simulator.recording.header import RecordingHeader
 from simulator.recording.writer import EgoSummary, EgoWriter, begin_recording, end_recording, refuse_full
 from simulator.scenario import Scenario, ScenarioPlan, scenario
-from simulator.sensor_config import SensorRig, read_sensors
+from simulator.sensors.sensor_config import SensorRig, read_sensors
 from simulator.world import World
 
 POLL_S = 0.2

@@ -8,22 +8,22 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from simulator import car
 from simulator.changes import APPEARED, GROWN, REMOVED, Change, ChangingStreet
-from simulator.course import BEHIND_M, MOST_EAGER, SPEED_LIMIT_MPS, Course, last_start_m
-from simulator.keeping_clear import RoadSpace
-from simulator.map_street import Convoy, MapFile, map_course
-from simulator.mover import Model, Mover
-from simulator.people import pedestrian
-from simulator.placing import CAR_COLOURS
-from simulator.relief import Relief
-from simulator.scenery import Part, Surface
-from simulator.sky import Daylight, daylight
-from simulator.street import PlacedObstacle, Street
-from simulator.traffic import CAR_LENGTH_M, Driver, follow
-from simulator.trajectory import STEADY, Path, Sway, Trajectory, pavement_path
-from simulator.world_plan import WorldPlan
-from simulator.worlds import random_course
+from simulator.maps.map_street import Convoy, MapFile, map_course
+from simulator.painting.sky import Daylight, daylight
+from simulator.scene import car
+from simulator.scene.mover import Model, Mover
+from simulator.scene.people import pedestrian
+from simulator.scene.scenery import Part, Surface
+from simulator.shapes.relief import Relief
+from simulator.streets.course import BEHIND_M, MOST_EAGER, SPEED_LIMIT_MPS, Course, last_start_m
+from simulator.streets.keeping_clear import RoadSpace
+from simulator.streets.placing import CAR_COLOURS
+from simulator.streets.street import PlacedObstacle, Street
+from simulator.streets.traffic import CAR_LENGTH_M, Driver, follow
+from simulator.streets.trajectory import STEADY, Path, Sway, Trajectory, pavement_path
+from simulator.streets.world_plan import WorldPlan
+from simulator.streets.worlds import random_course
 
 FloatArray = NDArray[np.float64]
 

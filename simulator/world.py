@@ -15,19 +15,19 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from simulator.camera import CameraModel, Shot, expose, surfaces_seen
-from simulator.furnish import furnish
-from simulator.lidar import LidarModel, measure
 from simulator.motion import Motion
-from simulator.mover import Mover, MovingScene, NearerHits, Rays
-from simulator.paint import Painter
+from simulator.painting.paint import Painter
+from simulator.painting.sky import AFTERNOON, Daylight
 from simulator.rays import NO_GEOMETRY, RayScene
 from simulator.readings import Sweep
-from simulator.road_classes import RoadClasses
-from simulator.scenery import Part, Surface
-from simulator.sky import AFTERNOON, Daylight
-from simulator.street import Street
-from simulator.terrain import Terrain
+from simulator.scene.furnish import furnish
+from simulator.scene.mover import Mover, MovingScene, NearerHits, Rays
+from simulator.scene.scenery import Part, Surface
+from simulator.scene.terrain import Terrain
+from simulator.sensors.camera import CameraModel, Shot, expose, surfaces_seen
+from simulator.sensors.lidar import LidarModel, measure
+from simulator.streets.road_classes import RoadClasses
+from simulator.streets.street import Street
 
 FloatArray = NDArray[np.float64]
 Float32Array = NDArray[np.float32]

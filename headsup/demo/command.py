@@ -36,7 +36,7 @@ def demo(
 
     from headsup.demo.problem import DemoError
     from headsup.demo.story import tell
-    from simulator.scan import ScanError
+    from simulator.samples.scan import ScanError
     from vehicle_client.link.outbox import OutboxError
 
     # Ended by a supervisor is ended like by Ctrl-C: the server and the folder of the run must not stay behind.

@@ -16,9 +16,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from headsup.demo.problem import DemoError
-from simulator.camera import CameraModel
-from simulator.mover import Mover
-from simulator.street import Street
+from simulator.scene.mover import Mover
+from simulator.sensors.camera import CameraModel
+from simulator.streets.street import Street
 from simulator.world import World
 from vehicle_client.ar.renderer import draw
 from vehicle_client.ar.scene import Scene

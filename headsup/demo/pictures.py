@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 from detector.pipeline import detect
 from headsup.demo.problem import DemoError
 from headsup.demo.simulated import camera_calibration
-from simulator.camera import CameraModel
 from simulator.readings import EgoFrame
+from simulator.sensors.camera import CameraModel
 from simulator.world import World
 from vehicle_client.alerts import Hazard, Stage
 from vehicle_client.ar.renderer import draw

@@ -13,7 +13,7 @@ from matplotlib.patches import Ellipse, Polygon, Rectangle
 
 from contract.obstacle import ObstacleCollection, ObstacleFeature
 from headsup.demo.record import DriveRecord, true_name
-from simulator.street import PlacedObstacle, Street
+from simulator.streets.street import PlacedObstacle, Street
 from vehicle_client.frames import apply, inverse, rotation_about_z
 
 mpl.use("Agg")

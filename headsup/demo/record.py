@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from contract.geometry import LatLon
 from contract.observation import Detection, DetectionResult, Inspection, InspectionResult
 from contract.obstacle import ObstacleFeature
-from simulator.street import Street
+from simulator.streets.street import Street
 from vehicle_client.alerts import Stage
 from vehicle_client.alignment import Alignment, align
 from vehicle_client.drive import Answer, Step

@@ -7,21 +7,21 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from simulator import car
-from simulator.camera import CameraModel
 from simulator.changes import ChangingStreet, Worlds
 from simulator.drive import Drive
-from simulator.gnss import GnssModel
-from simulator.imu import ImuModel
-from simulator.lidar import LidarModel
 from simulator.mesh import pose
-from simulator.mover import Mover
-from simulator.people import pedestrian
 from simulator.readings import EgoFrame, GnssReading, ImuReading, LidarReading, SensorName
 from simulator.scenario import Ego
-from simulator.sensor_config import RigSensor, SensorRig
-from simulator.street import DRAWN_BEYOND_M, LANE_CENTRE_M, Street
-from simulator.trajectory import STEADY, Sway, Trajectory, path_beside
+from simulator.scene import car
+from simulator.scene.mover import Mover
+from simulator.scene.people import pedestrian
+from simulator.sensors.camera import CameraModel
+from simulator.sensors.gnss import GnssModel
+from simulator.sensors.imu import ImuModel
+from simulator.sensors.lidar import LidarModel
+from simulator.sensors.sensor_config import RigSensor, SensorRig
+from simulator.streets.street import DRAWN_BEYOND_M, LANE_CENTRE_M, Street
+from simulator.streets.trajectory import STEADY, Sway, Trajectory, path_beside
 from simulator.world import World
 from vehicle_client.sensing.calibration import CameraCalibration, VehicleCalibration
 from vehicle_client.sources.frame import GnssFix, LidarFrame

@@ -29,11 +29,11 @@ from headsup.demo.report import write_report
 from headsup.demo.server_process import ServerProcess
 from headsup.demo.simulated import SimulatedSource, calibration, camera_calibration, drive_on, passers_by
 from headsup.demo.summary import Summary, write_summary
-from simulator.mover import Mover
 from simulator.readings import EgoFrame
-from simulator.relief import Relief
-from simulator.scan import find_scans, load_scan
-from simulator.street import Street, fill, first_light_street, grow
+from simulator.samples.scan import find_scans, load_scan
+from simulator.scene.mover import Mover
+from simulator.shapes.relief import Relief
+from simulator.streets.street import Street, fill, first_light_street, grow
 from simulator.world import World
 from vehicle_client.drive import Step, Vehicle, driver_scene
 from vehicle_client.link.server_link import ServerLink

@@ -8,7 +8,7 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
 from headsup.demo.record import DecisionRow, DriveRecord, true_name
-from simulator.street import Street
+from simulator.streets.street import Street
 
 WARNED_CAR = "ego2"
 

@@ -99,8 +99,8 @@ def _recorded(data: Path) -> Iterator[PoseDrive]:
 
 def _matched(data: Path) -> Iterator[MatchedDrive]:
     from evaluation.odometry_accuracy import matched, recorded_sweeps, simulated_sweeps
-    from simulator.lidar_presets import hdl64e
     from simulator.mesh import pose as mounted
+    from simulator.sensors.lidar_presets import hdl64e
 
     mounting = mounted(0.0, 0.0, hdl64e().height_m)
     for speed, times in ((14.0, True), (14.0, False), (25.0, True)):

@@ -44,9 +44,9 @@ def dataset(
         headsup simulate dataset --drives 20 --first-seed 1001 --roughness C --out datasets/rough
     """
     from simulator.dataset import DatasetError, alone, planned, write_dataset
-    from simulator.opendrive_xml import OpenDriveError
-    from simulator.scan import ScanError
-    from simulator.sensor_config import SensorConfigError
+    from simulator.maps.opendrive_xml import OpenDriveError
+    from simulator.samples.scan import ScanError
+    from simulator.sensors.sensor_config import SensorConfigError
 
     try:
         plan = options.planner()

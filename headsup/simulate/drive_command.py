@@ -37,10 +37,10 @@ def drive(
 
     `headsup simulate dataset` makes many of them.
     """
-    from simulator.opendrive_xml import OpenDriveError
+    from simulator.maps.opendrive_xml import OpenDriveError
     from simulator.recording.files import RecordingError
-    from simulator.scan import ScanError
-    from simulator.sensor_config import SensorConfigError
+    from simulator.samples.scan import ScanError
+    from simulator.sensors.sensor_config import SensorConfigError
 
     try:
         happening = _record(options.planner()(seed), out)

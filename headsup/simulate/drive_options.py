@@ -14,9 +14,9 @@ import typer
 
 if TYPE_CHECKING:
     from contract.geometry import LatLon
-    from simulator.map_street import MapFile
+    from simulator.maps.map_street import MapFile
     from simulator.record import RecordingPlan
-    from simulator.world_plan import WorldPlan
+    from simulator.streets.world_plan import WorldPlan
 
 
 class RoadClass(StrEnum):
@@ -88,16 +88,16 @@ class DriveOptions:
         return plan
 
     def _world(self) -> WorldPlan:
-        from simulator.scan import find_scans, load_scan
-        from simulator.street import Roughness
-        from simulator.world_plan import WorldPlan
+        from simulator.samples.scan import find_scans, load_scan
+        from simulator.streets.street import Roughness
+        from simulator.streets.world_plan import WorldPlan
 
         scans = tuple(load_scan(path) for path in find_scans(self.data / "potholes")) if self.data is not None else ()
         return WorldPlan(roughness=Roughness[self.roughness.value] if self.roughness else None, scans=scans)
 
     def _map(self) -> MapFile | None:
-        from simulator.map_street import MapFile
-        from simulator.opendrive_xml import OpenDriveError
+        from simulator.maps.map_street import MapFile
+        from simulator.maps.opendrive_xml import OpenDriveError
 
         if self.map_file is None:
             if self.origin is not None:
@@ -107,8 +107,8 @@ class DriveOptions:
 
     def _sensors(self) -> list[dict[str, object]]:
         """The list of a sensors.json or of a built-in rig, without cameras where no images are wanted."""
-        from simulator.sensor_config import SensorConfigError, load_sensors
-        from simulator.sensor_rigs import RIGS, sensor_rig
+        from simulator.sensors.sensor_config import SensorConfigError, load_sensors
+        from simulator.sensors.sensor_rigs import RIGS, sensor_rig
 
         if self.sensors not in RIGS and not Path(self.sensors).exists():
             raise SensorConfigError(f"{self.sensors}: no such file, and no built-in rig ({', '.join(RIGS)})")
@@ -118,7 +118,7 @@ class DriveOptions:
 
 def _position(text: str) -> LatLon:
     from contract.geometry import LatLon
-    from simulator.opendrive_xml import OpenDriveError
+    from simulator.maps.opendrive_xml import OpenDriveError
 
     try:
         latitude, longitude = (float(number) for number in text.split(","))

@@ -12,7 +12,7 @@ import typer
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from simulator.sample import Sample, Wishes
+    from simulator.samples.sample import Sample, Wishes
 
 
 class Kind(StrEnum):
@@ -74,16 +74,16 @@ class _Plan:
     wishes: Wishes
 
     def name(self, index: int) -> str:
-        from simulator.gallery import gallery_name
-        from simulator.sample import SampleKind, sample_name
+        from simulator.samples.gallery import gallery_name
+        from simulator.samples.sample import SampleKind, sample_name
 
         if self.kind is Kind.MIXED:
             return gallery_name(index, self.seed)
         return sample_name(SampleKind(self.kind.value), self.seed + index)
 
     def sample(self, index: int) -> Sample:
-        from simulator.gallery import gallery_sample
-        from simulator.sample import SampleKind, make_sample
+        from simulator.samples.gallery import gallery_sample
+        from simulator.samples.sample import SampleKind, make_sample
 
         if self.kind is Kind.MIXED:
             return gallery_sample(index, self.seed)
@@ -139,7 +139,7 @@ def pothole(
 
         headsup simulate pothole --kind mixed --count 24 --sheet --out out/sheet
     """
-    from simulator.scan import ScanError
+    from simulator.samples.scan import ScanError
 
     given = {
         "--shape": shape,
@@ -196,9 +196,9 @@ def _refuse_what_does_not_fit(kind: Kind, options: set[str], count: int) -> None
 
 
 def _wishes(options: Mapping[str, object]) -> Wishes:
-    from simulator.debris import DebrisKind
-    from simulator.hump import HumpProfile
-    from simulator.sample import Wishes
+    from simulator.samples.sample import Wishes
+    from simulator.shapes.debris import DebrisKind
+    from simulator.shapes.hump import HumpProfile
 
     names = {"--depth": "relief_m", "--height": "relief_m", "--true-size": "true_size", "--grow": "grow_percent"}
     names |= {"--length": "length_m", "--width": "width_m", "--wall": "wall_m"}
@@ -216,8 +216,8 @@ def _write(plan: _Plan, out: Path, patch_side: float | None, *, sheet: bool) -> 
     from rich.console import Console
     from rich.progress import track
 
-    from simulator.picture_sheet import SHEET_SAMPLES, draw_sheet
-    from simulator.sample_files import write_sample
+    from simulator.samples.picture_sheet import SHEET_SAMPLES, draw_sheet
+    from simulator.samples.sample_files import write_sample
 
     names = [plan.name(index) for index in range(plan.count)] + ["sheet"] * sheet
     existing = {path.stem for path in out.iterdir()} if out.exists() else set[str]()

@@ -44,8 +44,8 @@ def record_carla(
     from simulator.carla_bridge.sensors import tick_of
     from simulator.carla_bridge.session import connect
     from simulator.recording.files import RecordingError
-    from simulator.sensor_config import SensorConfigError, load_sensors
-    from simulator.sensor_rigs import RIGS, sensor_rig
+    from simulator.sensors.sensor_config import SensorConfigError, load_sensors
+    from simulator.sensors.sensor_rigs import RIGS, sensor_rig
 
     signal.signal(signal.SIGTERM, signal.default_int_handler)  # a supervisor's end restores the server as well
     try:

@@ -34,9 +34,9 @@ def sensors(
     from rich.console import Console
     from rich.progress import track
 
-    from simulator.sensor_comparison import ComparisonError
-    from simulator.sensor_table import REAL_FRAMES, as_json, compare, markdown
-    from simulator.street import first_light_street
+    from simulator.sensors.sensor_comparison import ComparisonError
+    from simulator.sensors.sensor_table import REAL_FRAMES, as_json, compare, markdown
+    from simulator.streets.street import first_light_street
     from simulator.world import World
 
     try:

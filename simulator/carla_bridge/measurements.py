@@ -13,12 +13,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from contract.geometry import LatLon
-from simulator.gnss import CarlaGnss
 from simulator.readings import GnssReading, ImageReading, ImuReading, LidarReading, Reading, SensorName, Sweep
 from simulator.recording.handedness import CarlaTransform, mirrored_points, right_handed_transform
 from simulator.recording.semantic_tags import TAGS_FROM
-from simulator.sensor_config import RigSensor
-from simulator.street import GeoReference
+from simulator.sensors.gnss import CarlaGnss
+from simulator.sensors.sensor_config import RigSensor
+from simulator.streets.street import GeoReference
 
 LOG = logging.getLogger(__name__)
 

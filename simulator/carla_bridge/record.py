@@ -23,8 +23,8 @@ from simulator.readings import EgoFrame
 from simulator.recording.carla_layout import FULL_STEERING_DEG
 from simulator.recording.header import RecordingHeader
 from simulator.recording.writer import RecordingWriter
-from simulator.sensor_config import SensorRig
-from simulator.street import GeoReference
+from simulator.sensors.sensor_config import SensorRig
+from simulator.streets.street import GeoReference
 
 SETTLE_S = 1.0
 """Vehicles are spawned above the road and drop onto it; a second is enough to come to rest."""

@@ -12,7 +12,7 @@ import carla
 from simulator.carla_bridge.problem import CarlaBridgeError
 from simulator.carla_bridge.session import destroy
 from simulator.recording.handedness import carla_transform
-from simulator.sensor_config import RigSensor, SensorRig
+from simulator.sensors.sensor_config import RigSensor, SensorRig
 
 NOT_ATTRIBUTES = frozenset({"type", "role_name", "transform", "sensor_tick"})
 """Keys of a sensor's entry that are no attributes of the blueprint, or are seen to here (`Listener.is_due`)."""

@@ -22,7 +22,7 @@ from simulator.overview.style import EGO_COLOURS, INK, KIND_COLOURS, PAPER, QUIE
 from simulator.overview.times import draw_times, driven_m
 from simulator.readings import Sweep
 from simulator.scenario import Scenario
-from simulator.scenery import Surface
+from simulator.scene.scenery import Surface
 
 FloatArray = NDArray[np.float64]
 

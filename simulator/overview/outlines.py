@@ -14,7 +14,7 @@ from contract.geometry import Kind
 from simulator.changes import GROWN, Change
 from simulator.overview.style import INK, KIND_COLOURS, headline, note, without_frame
 from simulator.scenario import Scenario
-from simulator.street import PlacedObstacle
+from simulator.streets.street import PlacedObstacle
 
 FloatArray = NDArray[np.float64]
 

@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 from simulator.overview.outlines import outlines
 from simulator.overview.style import EGO_COLOURS, INK, KIND_COLOURS, PAPER, note, without_frame
 from simulator.overview.times import BEYOND_M, driven_m, way
-from simulator.road import Road
 from simulator.scenario import Scenario
+from simulator.streets.road import Road
 
 FloatArray = NDArray[np.float64]
 

@@ -10,13 +10,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from simulator.camera import CameraModel
 from simulator.changes import Worlds
 from simulator.drive import frame_numbers
 from simulator.readings import EgoFrame, ImageReading, LidarReading, Sweep
 from simulator.scenario import Scenario
-from simulator.sensor_config import SensorRig
-from simulator.street import PlacedObstacle
+from simulator.sensors.camera import CameraModel
+from simulator.sensors.sensor_config import SensorRig
+from simulator.streets.street import PlacedObstacle
 
 FloatArray = NDArray[np.float64]
 

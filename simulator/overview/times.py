@@ -9,7 +9,6 @@ from matplotlib.axes import Axes
 from numpy.typing import NDArray
 
 from contract.geometry import Kind
-from simulator.centreline import Centreline
 from simulator.changes import APPEARED, GROWN, Change
 from simulator.overview.style import (
     CHANGE_MARKS,
@@ -22,6 +21,7 @@ from simulator.overview.style import (
     note,
 )
 from simulator.scenario import Scenario
+from simulator.streets.centreline import Centreline
 
 FloatArray = NDArray[np.float64]
 

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from simulator.readings import SensorName
 from simulator.recording.files import RecordingError
-from simulator.street import GeoReference
+from simulator.streets.street import GeoReference
 
 FloatArray = NDArray[np.float64]
 

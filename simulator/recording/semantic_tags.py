@@ -7,7 +7,7 @@ from enum import IntEnum
 import numpy as np
 from numpy.typing import NDArray
 
-from simulator.scenery import Surface
+from simulator.scene.scenery import Surface
 
 
 class SemanticTag(IntEnum):

@@ -8,7 +8,7 @@ from itertools import islice
 from pathlib import Path
 
 from headsup.demo.simulated import LIDAR_HEIGHT_M, SimulatedSource, drive_on
-from simulator.street import Street, first_light_street
+from simulator.streets.street import Street, first_light_street
 from simulator.world import World
 from tests.e2e.bag_of_frames import write_bag
 from vehicle_client.sources.frame import LidarFrame

@@ -26,10 +26,10 @@ from simulator.record import RecordingPlan, drive_of, record, worlds_of
 from simulator.recording.header import RecordingHeader
 from simulator.recording.writer import EgoWriter, begin_recording, end_recording
 from simulator.scenario import Scenario, ScenarioPlan, scenario
-from simulator.scenery import Surface
-from simulator.sensor_rigs import RIGS
-from simulator.street import Roughness
-from simulator.world_plan import WorldPlan
+from simulator.scene.scenery import Surface
+from simulator.sensors.sensor_rigs import RIGS
+from simulator.streets.street import Roughness
+from simulator.streets.world_plan import WorldPlan
 
 GUIDE = Path(__file__).parents[2] / "docs/datasets.md"
 LIDAR = next(entry for entry in RIGS["hdl32"]() if "lidar" in str(entry["type"]))

@@ -14,7 +14,7 @@ import psutil
 import pytest
 
 from headsup.demo.simulated import SimulatedSource, calibration, drive_on
-from simulator.street import first_light_street
+from simulator.streets.street import first_light_street
 from simulator.world import World
 from tests.integration.serving import served
 from vehicle_client.drive import Step, Vehicle
@@ -23,7 +23,7 @@ from vehicle_client.link.background import BackgroundLink
 from vehicle_client.link.server_link import ServerLink
 from vehicle_client.pacing import Paced, Ready
 from vehicle_client.sensing.calibration_file import CarCalibration
-from vehicle_client.session import Camera, drive_along, preparing
+from vehicle_client.session import Known, Preparing, drive_along
 from vehicle_client.sources.frame import LidarFrame
 from vehicle_client.totals import Totals
 
@@ -69,7 +69,7 @@ def test_ten_thousand_frames_leave_memory_threads_and_files_as_they_were(tmp_pat
     process, frames = psutil.Process(), block(seed=1)
     resident: list[int] = []
 
-    def measure(step: Step, _: Ready[Camera]) -> None:
+    def measure(step: Step, _: Ready[Known]) -> None:
         if totals.frames % 1_000 == 0:
             gc.collect()
             resident.append(process.memory_info().rss)
@@ -80,7 +80,7 @@ def test_ten_thousand_frames_leave_memory_threads_and_files_as_they_were(tmp_pat
         with BackgroundLink(ServerLink(server.address, None, tmp_path / "outbox.sqlite3")) as link:
             vehicle = Vehicle(car.vehicle, link, pseudonym="long-drive")
             source = long_street(frames, FRAMES, time.time() - FRAMES * FRAME_S - 60)
-            with Paced[Camera](source, preparing(car), realtime=False, is_recorded=True) as paced:
+            with Paced[Known](source, Preparing(car, realtime=False), realtime=False, is_recorded=True) as paced:
                 drive_along(paced, vehicle, totals, [measure])
         after = threading.active_count(), process.num_fds()
         assert link.status.waiting == 0

@@ -23,7 +23,7 @@ from vehicle_client.drive import Step, Vehicle
 from vehicle_client.faults import MOST_IN_A_ROW
 from vehicle_client.pacing import Paced
 from vehicle_client.sensing.calibration_file import CarCalibration
-from vehicle_client.session import Camera, drive_along, preparing
+from vehicle_client.session import Known, Preparing, drive_along
 from vehicle_client.sources.frame import LidarFrame, SourceError
 from vehicle_client.sources.live_sender import LiveSender, TcpSending
 from vehicle_client.sources.live_source import CLOCK_WENT_BACK
@@ -59,7 +59,7 @@ def frames(number: int, *, broken_off: str | None = None) -> Iterator[LidarFrame
 
 def driven(source: Iterator[LidarFrame], vehicle: Vehicle) -> tuple[Totals, Step | None]:
     totals = Totals()
-    with Paced[Camera](source, preparing(CAR), realtime=False, is_recorded=True) as paced:
+    with Paced[Known](source, Preparing(CAR, realtime=False), realtime=False, is_recorded=True) as paced:
         last = drive_along(paced, vehicle, totals, ())
     return totals, last
 

@@ -9,7 +9,7 @@ from evaluation.carving import carve
 from evaluation.fit_confidence import logistic_weights
 from evaluation.lidar import calibration_error
 from evaluation.segmentation import Confusion
-from simulator.pothole import pothole
+from simulator.shapes.pothole import pothole
 
 SENSOR_HEIGHT_M = 1.73
 

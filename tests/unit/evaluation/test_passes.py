@@ -45,7 +45,7 @@ from evaluation.passes_street import (
 from evaluation.passes_tables import tables
 from headsup.cli import app
 from simulator.fingerprint import plain
-from simulator.street import Street
+from simulator.streets.street import Street
 from simulator.world import World
 
 TRUTH = Truth(0.9, 0.7, 0.15, 0.05, 0.9, 0.7)

@@ -15,10 +15,10 @@ from headsup.simulate.app import simulate_app
 from headsup.simulate.drive_options import DriveOptions
 from simulator.dataset import BLOCK, DatasetError, PlannedDrive, alone, check_room, planned, split_of, write_dataset
 from simulator.fingerprint import plain
-from simulator.pothole import pothole
 from simulator.record import RecordingPlan
 from simulator.recording.header import RecordingHeader
 from simulator.recording.writer import RecordingWriter
+from simulator.shapes.pothole import pothole
 from tests.unit.headsup.test_drive_command import SENSORS
 from tests.unit.simulator.recording_frames import CAMERA, LIDAR, ego_frame, header, obstacle, sensor_json
 

@@ -17,7 +17,7 @@ from headsup.demo.problem import DemoError
 from headsup.demo.record import true_name
 from headsup.demo.server_process import ServerProcess
 from headsup.demo.story import GROWTH, acts
-from simulator.street import first_light_street
+from simulator.streets.street import first_light_street
 
 
 def test_help_loads_nothing_heavy() -> None:

@@ -12,10 +12,10 @@ from hypothesis import strategies as st
 from typer.testing import CliRunner
 
 from headsup.detect_command import detect_files, output_names
-from simulator.lidar import LidarModel
 from simulator.mesh import pose
 from simulator.motion import Standing
-from simulator.street import first_light_street
+from simulator.sensors.lidar import LidarModel
+from simulator.streets.street import first_light_street
 from simulator.world import World
 
 app = typer.Typer()

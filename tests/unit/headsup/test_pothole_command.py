@@ -9,12 +9,12 @@ from typer.testing import CliRunner
 
 from headsup.simulate.app import simulate_app
 from headsup.simulate.pothole_command import Kind, Profile, Shape
-from simulator.debris import DebrisKind
-from simulator.gallery import GALLERY, gallery_name, gallery_sample
-from simulator.hump import HumpProfile
-from simulator.pothole import PotholeShape
-from simulator.sample import SampleKind
-from simulator.scan import write_mould
+from simulator.samples.gallery import GALLERY, gallery_name, gallery_sample
+from simulator.samples.sample import SampleKind
+from simulator.samples.scan import write_mould
+from simulator.shapes.debris import DebrisKind
+from simulator.shapes.hump import HumpProfile
+from simulator.shapes.pothole import PotholeShape
 
 
 def run(out: Path, *arguments: str | Path) -> tuple[int, str]:

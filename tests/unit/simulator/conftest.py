@@ -2,7 +2,7 @@ from __future__ import annotations
 
 import pytest
 
-from simulator.street import first_light_street
+from simulator.streets.street import first_light_street
 from simulator.world import World
 
 

@@ -23,7 +23,7 @@ from simulator.readings import (
 )
 from simulator.recording.header import RecordingHeader
 from simulator.recording.writer import RecordingWriter
-from simulator.street import GeoReference
+from simulator.streets.street import GeoReference
 
 LIDAR = SensorName("sensor.lidar.ray_cast", "roof")
 SEMANTIC_LIDAR = SensorName("sensor.lidar.ray_cast_semantic", "roof")

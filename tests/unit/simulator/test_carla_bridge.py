@@ -19,7 +19,7 @@ from simulator.carla_bridge.problem import CarlaBridgeError
 from simulator.carla_bridge.record import RecordingPlan, record
 from simulator.carla_bridge.session import connect
 from simulator.recording.files import RecordingError
-from simulator.sensor_config import SensorRig, read_sensors
+from simulator.sensors.sensor_config import SensorRig, read_sensors
 from tests.unit.simulator import carla_server as stand_in
 from tests.unit.simulator.carla_server import Client, Sensor, Vehicle, World
 from vehicle_client.sources.carla_recording import CarlaRecording

@@ -7,20 +7,20 @@ from typing import TypeVar
 import numpy as np
 import pytest
 
-from simulator.camera import CameraModel, forward_camera
 from simulator.changes import Worlds
 from simulator.drive import Drive, tick_of
-from simulator.gnss import GnssModel
-from simulator.imu import ImuModel
-from simulator.instruments import Schedule
-from simulator.lidar import LidarModel
 from simulator.mesh import pose
-from simulator.odometry import OdometryModel
 from simulator.readings import EgoFrame, GnssReading, ImageReading, ImuReading, LidarReading, SensorName
 from simulator.record import drive_of
 from simulator.scenario import Scenario, ScenarioPlan, scenario
-from simulator.sensor_config import RigSensor, SensorRig
-from simulator.world_plan import WorldPlan
+from simulator.sensors.camera import CameraModel, forward_camera
+from simulator.sensors.gnss import GnssModel
+from simulator.sensors.imu import ImuModel
+from simulator.sensors.instruments import Schedule
+from simulator.sensors.lidar import LidarModel
+from simulator.sensors.odometry import OdometryModel
+from simulator.sensors.sensor_config import RigSensor, SensorRig
+from simulator.streets.world_plan import WorldPlan
 
 SMALL = LidarModel(channels=8, points_per_second=24_000, rate_hz=10.0)
 PLAN = ScenarioPlan(seed=5, egos=2, seconds=2.0, world=WorldPlan(side_roads=False, features_per_100m=0.0))

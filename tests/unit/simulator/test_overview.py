@@ -10,16 +10,16 @@ from hypothesis import strategies as st
 
 from contract.geometry import Kind
 from simulator.changes import APPEARED, Change, ChangingStreet
-from simulator.debris import random_debris
 from simulator.overview.figure import overview
 from simulator.overview.outlines import outlines
 from simulator.overview.sights import LOOK_AHEAD_M, ONLOOKER, PICTURES, Onlooker, Sight, moments
-from simulator.pothole import PotholeShape
 from simulator.readings import EgoFrame, ImageReading
 from simulator.record import worlds_of
 from simulator.scenario import Scenario, ScenarioPlan, scenario
-from simulator.sensor_rigs import sensor_rig
-from simulator.street import PlacedObstacle
+from simulator.sensors.sensor_rigs import sensor_rig
+from simulator.shapes.debris import random_debris
+from simulator.shapes.pothole import PotholeShape
+from simulator.streets.street import PlacedObstacle
 
 TICK_S = 0.1
 

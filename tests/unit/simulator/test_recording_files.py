@@ -14,7 +14,7 @@ from hypothesis.extra import numpy as arrays
 from simulator.recording.files import GrowingFiles, RecordingError, csv_line, json_bytes, npz_bytes, png_bytes
 from simulator.recording.ply_text import LIDAR_PROPERTIES, SEMANTIC_PROPERTIES, ply_text
 from simulator.recording.semantic_tags import TAG_OF_SURFACE, SemanticTag, object_indices, semantic_tags
-from simulator.scenery import Surface
+from simulator.scene.scenery import Surface
 
 coordinates = st.floats(-1e6, 1e6, width=32)
 

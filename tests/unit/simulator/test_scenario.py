@@ -8,10 +8,10 @@ import pytest
 from contract.geometry import Kind
 from simulator.changes import APPEARED, GROWN, REMOVED, Change, ChangingStreet
 from simulator.scenario import ScenarioPlan, scenario
-from simulator.street import Feature, Roughness, Street, first_light_street
-from simulator.terrain import Terrain, road_roughness
-from simulator.world_plan import WorldPlan
-from simulator.worlds import random_street
+from simulator.scene.terrain import Terrain, road_roughness
+from simulator.streets.street import Feature, Roughness, Street, first_light_street
+from simulator.streets.world_plan import WorldPlan
+from simulator.streets.worlds import random_street
 
 SEEDS = range(8)
 STREETS = [random_street(seed, WorldPlan(length_m=400.0)) for seed in SEEDS]

@@ -97,7 +97,8 @@ def test_what_was_put_is_there_after_reopening_oldest_first(path: Path) -> None:
 def test_a_report_survives_a_process_that_is_killed_right_after_putting_it(path: Path) -> None:
     report = reports(1)[0]
     program = (
-        "import os, sys; from contract.observation import ObservationReport; from vehicle_client.link.outbox import Outbox;"
+        "import os, sys; from contract.observation import ObservationReport;"
+        "from vehicle_client.link.outbox import Outbox;"
         "Outbox(sys.argv[1]).put(ObservationReport.model_validate_json(sys.stdin.read())); os._exit(9)"
     )
     ended = subprocess.run([sys.executable, "-c", program, str(path)], input=report.model_dump_json().encode())

@@ -1,0 +1,1 @@
+"""What streets are built of: ground, buildings, plants, cars, people, as meshes."""

@@ -1,0 +1,1 @@
+"""LiDARs, cameras, receivers and inertial units of a vehicle, and how they are configured."""
