@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import typer
 
+from headsup.database_commands import db_app
 from headsup.demo.command import demo
 from headsup.detect_command import detect_files
 from headsup.drive_command import drive, record
 from headsup.evaluate.app import evaluate_app
+from headsup.key_commands import keys_app
 from headsup.policy_command import policy_app
-from headsup.server_commands import db_app, keys_app, serve
+from headsup.server_commands import serve
 from headsup.simulate.app import simulate_app
 
 OUR_PACKAGES = ("contract", "detector", "vehicle_client", "server", "simulator", "evaluation", "headsup", "migrations")

@@ -1,4 +1,4 @@
-"""`headsup db upgrade`, `downgrade`, `status` and `backup`: the schema of the server's database, and a copy of it."""
+"""`headsup db`: the schema of the server's database, a copy of it, and its log (`headsup.log_commands`)."""
 
 from __future__ import annotations
 
@@ -7,12 +7,19 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from headsup.log_commands import prune_log, replay_log
+from headsup.server_settings import refuse, settings_with, with_database
+
 if TYPE_CHECKING:
     from server.storage.database import Database
 
+db_app = typer.Typer(help="The server's database.", no_args_is_help=True)
+db_app.command("replay")(replay_log)
+db_app.command("prune")(prune_log)
 _OUT_OF_DATE = 2
 
 
+@db_app.command("upgrade")
 def upgrade_database() -> None:
     """Bring the database's schema to this version; harmless when it already is.
 
@@ -20,7 +27,6 @@ def upgrade_database() -> None:
 
         HEADSUP_DATABASE_URL=postgresql+asyncpg://headsup@db/headsup headsup db upgrade
     """
-    from headsup.server_commands import with_database
     from server.storage import schema
 
     async def upgrade(database: Database) -> None:
@@ -29,6 +35,7 @@ def upgrade_database() -> None:
     with_database(upgrade)
 
 
+@db_app.command("downgrade")
 def downgrade_database(
     revision: Annotated[str, typer.Argument(help="Revision to go back to, from `headsup db status`.")],
     yes: Annotated[bool, typer.Option("--yes", help="Do not ask.")] = False,
@@ -41,7 +48,6 @@ def downgrade_database(
 
         headsup db downgrade 2026_11_22_first_tables
     """
-    from headsup.server_commands import with_database
     from server.storage import schema
 
     if not yes:
@@ -53,6 +59,7 @@ def downgrade_database(
     with_database(downgrade)
 
 
+@db_app.command("status")
 def show_status() -> None:
     """Say which revision the schema is at, and list all there are. Exits with 2 when it is not this version's.
 
@@ -60,7 +67,6 @@ def show_status() -> None:
 
         headsup db status
     """
-    from headsup.server_commands import with_database
     from server.storage import schema
 
     found: list[str | None] = []
@@ -78,6 +84,7 @@ def show_status() -> None:
     raise typer.Exit(_OUT_OF_DATE)
 
 
+@db_app.command("backup")
 def backup_database(target: Annotated[Path, typer.Argument(help="New file for the copy.")]) -> None:
     """Copy the SQLite database of HEADSUP_DATABASE_URL, also while a server uses it.
 
@@ -90,7 +97,6 @@ def backup_database(target: Annotated[Path, typer.Argument(help="New file for th
     from rich.console import Console
     from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 
-    from headsup.server_commands import refuse, settings_with
     from server.errors import ServiceError
     from server.storage.backup import backup
 

@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from headsup.server_settings import policy_in_force, refuse, settings_with, with_database
+
 if TYPE_CHECKING:
     from server.storage.database import Database
 
@@ -34,7 +36,6 @@ def replay_log(
     """
     from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 
-    from headsup.server_commands import policy_in_force, settings_with, with_database
     from server.log.replay import Replayed, replay
     from server.log.replay_target import replay_target
     from server.storage import schema
@@ -72,7 +73,6 @@ def prune_log(
 
         headsup db prune --checkpoint checkpoints/2026-11-22.jsonl.gz
     """
-    from headsup.server_commands import policy_in_force, refuse, settings_with, with_database
     from server.log.pruning import prune
     from server.storage import schema
 

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import typer
 
+from headsup.server_settings import policy_in_force
+
 policy_app = typer.Typer(help="The numbers of the server's rule.", no_args_is_help=True)
 
 
@@ -22,7 +24,6 @@ def show_policy() -> None:
 
         HEADSUP_POLICY=paper headsup policy show > policy.toml
     """
-    from headsup.server_commands import policy_in_force
     from server.policy_file import as_toml
 
     typer.echo(as_toml(policy_in_force()), nl=False)

@@ -20,8 +20,10 @@ from typer import Typer
 from typer.testing import CliRunner, Result
 
 from contract.observation import ObservationBatch, ObservationBatchResult
-from headsup import server_commands
+from headsup.database_commands import db_app
+from headsup.key_commands import keys_app
 from headsup.policy_command import policy_app
+from headsup.server_commands import serve
 from tests.integration.serving import served
 from tests.unit.server.making import HOUR, detection, message
 
@@ -52,9 +54,9 @@ def serving(*options: str) -> Iterator[tuple[subprocess.Popen[str], httpx.Client
 
 def commands(*arguments: str) -> Result:
     app = Typer()
-    app.add_typer(server_commands.keys_app, name="keys")
-    app.add_typer(server_commands.db_app, name="db")
-    app.command("serve")(server_commands.serve)
+    app.add_typer(keys_app, name="keys")
+    app.add_typer(db_app, name="db")
+    app.command("serve")(serve)
     return CliRunner().invoke(app, arguments)
 
 
