@@ -1,9 +1,8 @@
-"""Drives with known poses: two recorded ones, and simulated ones whose receivers err in known ways."""
+"""Drives with known poses: a recorded minute in a city, and recorded loops."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -12,7 +11,7 @@ import pymap3d
 from numpy.typing import NDArray
 
 from contract.geometry import LatLon
-from vehicle_client.frames import GeoOrigin, heading_from_yaw, rigid, rotation_about_z
+from vehicle_client.frames import GeoOrigin, rigid, rotation_about_z
 from vehicle_client.sources.frame import GnssFix, LidarFrame, Motion, SourceError
 
 FloatArray = NDArray[np.float64]
@@ -134,7 +133,7 @@ def recorded_loop_drive(folder: Path, seed: int) -> PoseDrive:
     yaw = ahead + math.atan2(turn[1, 0], turn[0, 0])
     sd_m = float(residual.std())
     odometry = drifting(place, yaw, np.random.default_rng([seed, 0]))
-    spoken = [_local_fix(row[1:3], float(row[0]), sd_m) for row in fixes]
+    spoken = [local_fix(row[1:3], float(row[0]), sd_m) for row in fixes]
     frames = _with_odometry(_frames(stamps, spoken, [], fixes[:, 0]), odometry)
     speed = np.hypot(*np.gradient(place, stamps, axis=0).T)
     return PoseDrive("recorded, loops", frames, ORIGIN, place, yaw, speed)
@@ -160,7 +159,8 @@ def _laid_on(
     return best[1:]
 
 
-def _local_fix(enu_m: FloatArray, stamp_s: float, sd_m: float) -> GnssFix:
+def local_fix(enu_m: FloatArray, stamp_s: float, sd_m: float) -> GnssFix:
+    """A fix (2,) east and north of `ORIGIN`, and what it states of its error."""
     position, altitude_m = ORIGIN.geodetic(np.array([*enu_m, 0.0]))
     return GnssFix(position, altitude_m, None, sd_m, 2 * sd_m, stamp_s=stamp_s)
 
@@ -188,104 +188,3 @@ def drifting(place_m: FloatArray, yaw_rad: FloatArray, rng: np.random.Generator)
             for at, yaw, turn in zip(place, yaw_rad, turned, strict=True)
         ]
     )
-
-
-Errors = Callable[[FloatArray, np.random.Generator], FloatArray]
-"""Errors (N, 2) of fixes at times (N,); a row of NaN is no fix."""
-
-
-def white(times_s: FloatArray, rng: np.random.Generator) -> FloatArray:
-    """New with every fix."""
-    return rng.normal(0, 1.0, (len(times_s), 2))
-
-
-def slow(memory_s: float) -> Errors:
-    """A first-order Gauss-Markov process of 1 m, with a tenth of white noise (variances sum to 1)."""
-
-    def errors(times_s: FloatArray, rng: np.random.Generator) -> FloatArray:
-        process = np.empty((len(times_s), 2))
-        process[0] = rng.normal(0, 1.0, 2)
-        for k, elapsed in enumerate(np.diff(times_s)):
-            kept = math.exp(-elapsed / memory_s)
-            process[k + 1] = kept * process[k] + math.sqrt(1 - kept**2) * rng.normal(0, 1.0, 2)
-        return math.sqrt(0.99) * process + rng.normal(0, 0.1, process.shape)
-
-    return errors
-
-
-def with_jumps(errors: Errors) -> Errors:
-    """A reflection of 50 m for 1.5 s about every 40 s."""
-
-    def jumping(times_s: FloatArray, rng: np.random.Generator) -> FloatArray:
-        wrong = errors(times_s, rng)
-        start = times_s[0] + 20.0
-        while start < times_s[-1]:
-            towards = rng.uniform(0, 2 * math.pi)
-            wrong[(times_s >= start) & (times_s < start + 1.5)] += 50 * np.array([math.cos(towards), math.sin(towards)])
-            start += rng.uniform(30, 50)
-        return wrong
-
-    return jumping
-
-
-def with_outage(errors: Errors) -> Errors:
-    """No fix for a minute in the middle, as in a tunnel."""
-
-    def silent(times_s: FloatArray, rng: np.random.Generator) -> FloatArray:
-        wrong = errors(times_s, rng)
-        middle = times_s.mean()
-        wrong[np.abs(times_s - middle) < 30.0] = math.nan
-        return wrong
-
-    return silent
-
-
-RECEIVERS: dict[str, Errors] = {
-    "white": white,
-    "memory of 30 s": slow(30.0),
-    "memory of 100 s": slow(100.0),
-    "memory of 600 s": slow(600.0),
-    "100 s, jumps of 50 m": with_jumps(slow(100.0)),
-    "100 s, outage of 60 s": with_outage(slow(100.0)),
-}
-"""Each states 1 m, and is right about it."""
-
-
-def simulated_drive(receiver: str, seed: int, *, seconds: float = 180.0) -> PoseDrive:
-    """A town drive with corners and stops: 10 frames and 10 fixes a second, `drifting` odometry."""
-    rng = np.random.default_rng([seed, 1])
-    times = np.arange(0.0, seconds, 0.1)
-    speed, rate = _driving(times, rng)
-    yaw = rng.uniform(-math.pi, math.pi) + np.cumsum(rate) * 0.1
-    place = np.cumsum(speed[:, None] * np.stack([np.cos(yaw), np.sin(yaw)], axis=1) * 0.1, axis=0)
-    wrong = RECEIVERS[receiver](times, rng)
-    velocity_error = rng.normal(0, 0.05, (len(times), 2))
-    frames = []
-    for k, odom_from_vehicle in enumerate(drifting(place, yaw, rng)):
-        stamp = 1.0e9 + float(times[k])
-        fix = None
-        if np.isfinite(wrong[k]).all():
-            fix = _local_fix(place[k] + wrong[k], stamp, 1.0)
-            velocity = speed[k] * np.array([math.cos(yaw[k]), math.sin(yaw[k])]) + velocity_error[k]
-            course_rad = heading_from_yaw(math.atan2(velocity[1], velocity[0]))
-            fix = replace(fix, course_rad=course_rad, speed_mps=float(np.hypot(*velocity)))
-        frames.append(LidarFrame(stamp, NO_POINTS, odom_from_vehicle=odom_from_vehicle, gnss=fix))
-    return PoseDrive(f"simulated, {receiver}", tuple(frames), ORIGIN, place, yaw, speed)
-
-
-def _driving(times_s: FloatArray, rng: np.random.Generator) -> tuple[FloatArray, FloatArray]:
-    """Speed (N,) between stops of some seconds, and yaw rate (N,) with a corner every half minute."""
-    speed, rate = np.empty(len(times_s)), np.zeros(len(times_s))
-    wanted, now, next_s = 13.0, 8.0, 10.0
-    for k, t in enumerate(times_s):
-        if t >= next_s:
-            wanted = 0.0 if wanted > 0 and rng.random() < 0.3 else float(rng.uniform(8, 16))
-            next_s = t + rng.uniform(6, 15)
-        now += float(np.clip(wanted - now, -0.2, 0.15))
-        speed[k] = now
-    corner = 12.0
-    while corner < times_s[-1] - 6:
-        inside = (times_s >= corner) & (times_s < corner + 5)
-        rate[inside] += rng.choice([-1, 1]) * math.radians(rng.uniform(8, 18)) * np.minimum(1, speed[inside] / 8)
-        corner += rng.uniform(15, 40)
-    return speed, rate

@@ -49,8 +49,8 @@ def pose(
 
     from evaluation.odometry_accuracy import MANOEUVRES, deskewed
     from evaluation.pose_accuracy import PoseTrace, figures, traced
-    from evaluation.pose_drives import RECEIVERS, simulated_drive
     from evaluation.pose_picture import draw_pose
+    from evaluation.pose_receivers import RECEIVERS, simulated_drive
     from vehicle_client.sources.frame import SourceError
 
     try:

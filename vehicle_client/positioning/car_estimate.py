@@ -45,22 +45,23 @@ class CarEstimate:
         return float(self.plane.state[YAW])
 
 
-def begun(fix: GnssFix, at: PlanarPose, now: PlanarPose, yaw: YawMeasurement, antenna_m: Vector) -> CarEstimate:
+def begun(
+    fix: GnssFix, at: PlanarPose, history: OdometryHistory, yaw: YawMeasurement, antenna_m: Vector
+) -> CarEstimate:
     """The car now, from a fix of its antenna (3,) at an earlier moment and the yaw now."""
-    turn = rotation_about_z(yaw.yaw_rad - now.yaw_rad)
-    lever = rotation_about_z(yaw.yaw_rad + at.yaw_rad - now.yaw_rad) @ antenna_m
-    place_m = turn @ (now.place_m - at.place_m) - lever
+    origin = GeoOrigin(fix.position, fix.altitude_m)
+    up_m = float(history.poses[-1].place_m[2] - at.place_m[2] - antenna_m[2])
     return CarEstimate(
-        GeoOrigin(fix.position, fix.altitude_m),
-        pose_filter.started(place_m[:2], fix.sd_m, yaw.yaw_rad, yaw.sd_rad),
-        height_filter.started(float(place_m[2]), max(fix.altitude_sd_m, LEAST_SD_M)),
+        origin,
+        pose_filter.started(_measured_place(origin, fix, at, history, antenna_m), yaw.yaw_rad, yaw.sd_rad),
+        height_filter.started(up_m, max(fix.altitude_sd_m, LEAST_SD_M)),
     )
 
 
 def begun_at_stated_place(origin: GeoOrigin, heading_rad: float) -> CarEstimate:
     """The car at a place and heading that somebody says."""
-    yaw = yaw_from_heading(heading_rad)
-    plane = pose_filter.started(np.zeros(2), LEAST_SD_M, yaw, 0.0)
+    here = PlaceMeasurement(np.zeros(2), LEAST_SD_M, np.zeros(2), np.zeros(2), np.zeros(2))
+    plane = pose_filter.started(here, yaw_from_heading(heading_rad), 0.0)
     return CarEstimate(origin, plane, height_filter.started(0.0, LEAST_SD_M))
 
 
@@ -90,15 +91,20 @@ def expectation(
     estimate: CarEstimate, fix: GnssFix, at: PlanarPose, history: OdometryHistory, antenna_m: Vector
 ) -> Expectation:
     """What is expected of a fix of the antenna (3,) at an earlier moment."""
+    return pose_filter.expectation(estimate.plane, _measured_place(estimate.origin, fix, at, history, antenna_m))
+
+
+def _measured_place(
+    origin: GeoOrigin, fix: GnssFix, at: PlanarPose, history: OdometryHistory, antenna_m: Vector
+) -> PlaceMeasurement:
     now = history.poses[-1]
-    measured = PlaceMeasurement(
-        place_m=estimate.origin.enu(fix.position, fix.altitude_m)[:2],
+    return PlaceMeasurement(
+        place_m=origin.enu(fix.position, fix.altitude_m)[:2],
         sd_m=fix.sd_m,
         antenna_m=(rotation_about_z(at.yaw_rad - now.yaw_rad) @ antenna_m)[:2],
         behind_m=in_axes_of(now, now.place_m - at.place_m),
         velocity_mps=in_axes_of(now, history.velocity_mps),
     )
-    return pose_filter.expectation(estimate.plane, measured)
 
 
 def with_place(estimate: CarEstimate, expected: Expectation, elapsed_s: float) -> CarEstimate:
@@ -106,9 +112,9 @@ def with_place(estimate: CarEstimate, expected: Expectation, elapsed_s: float) -
     return replace(estimate, plane=pose_filter.with_place(estimate.plane, expected, elapsed_s))
 
 
-def jumped(estimate: CarEstimate, by_m: Vector, sd_m: float) -> CarEstimate:
-    """At another place, by (2,) east and north, since many fixes agree on it."""
-    return replace(estimate, plane=pose_filter.moved_to(estimate.plane, estimate.place_m[:2] + by_m, sd_m))
+def jumped(estimate: CarEstimate, to: Expectation) -> CarEstimate:
+    """At another place, that of a fix which many others agree on."""
+    return replace(estimate, plane=pose_filter.moved_to(estimate.plane, to.fix))
 
 
 def with_yaw(estimate: CarEstimate, yaw: YawMeasurement) -> CarEstimate:

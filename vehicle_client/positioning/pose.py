@@ -216,7 +216,7 @@ def _with_fix(state: PoseFilter, fix: GnssFix, stamp_s: float) -> PoseFilter:
     if verdict is Verdict.LOST:
         return _begun(PoseFilter(antenna_m=state.antenna_m, history=state.history), fix, at)
     if verdict is Verdict.AGREED:
-        estimate = car_estimate.jumped(estimate, innovation_m, fix.sd_m)
+        estimate = car_estimate.jumped(estimate, expected)
     else:
         elapsed_s = max(0.0, stamp_s - state.last_fix_s)
         estimate = car_estimate.with_place(estimate, expected, elapsed_s)
@@ -243,7 +243,7 @@ def _begun(state: PoseFilter, fix: GnssFix, at: PlanarPose) -> PoseFilter:
     if yaw is None or yaw.sd_rad > LARGEST_YAW_SD_RAD:
         first = state.first if state.first is not None and state.first.is_near(at) else FirstFix(fix, at)
         return replace(state, estimate=None, first=first)
-    begun = car_estimate.begun(fix, at, now, yaw, state.antenna_m)
+    begun = car_estimate.begun(fix, at, state.history, yaw, state.antenna_m)
     return replace(state, estimate=begun, first=None, last_fix_s=at.stamp_s, last_yaw_s=at.stamp_s)
 
 

@@ -3,8 +3,10 @@
 A receiver says how large its error is, not how long it lasts, and that decides what averaging is worth: white noise
 vanishes, an error that lasts minutes stays. So one filter runs for each of `ERROR_MODELS`, and each counts by how well
 it foretold the fixes (Magill, Optimal adaptive estimation of sampled stochastic processes, IEEE TAC 10(4), 1965). The
-filters share their shape: fix = place + slow error + white noise, where the slow error is a first-order Gauss-Markov
-process (Rankin, An error model for sensor simulation: GPS and differential GPS, IEEE PLANS 1994).
+filters share their shape: fix = place a delay ago + slow error + white noise, where the slow error is a first-order
+Gauss-Markov process (Rankin, An error model for sensor simulation: GPS and differential GPS, IEEE PLANS 1994). A delay
+puts the car behind itself by its way in that time: that grows with speed and turns with the car, which no slow error of
+a receiver does, and so both come apart when the car brakes or turns.
 """
 
 from __future__ import annotations
@@ -16,9 +18,12 @@ import numpy as np
 
 from vehicle_client.frames import Matrix, Vector
 
-EAST, NORTH, YAW, SCALE, TURN, SLOW_EAST, SLOW_NORTH = range(7)
+STATES = 8
+EAST, NORTH, YAW, SCALE, TURN, SLOW_EAST, SLOW_NORTH, DELAY = range(STATES)
 """The state: metres, metres, radians, odometry's scale error, its false turn (rad/m), slow errors in units of the
-fix's stated deviation."""
+fix's stated deviation, seconds from the moment of a fix to its stamp."""
+
+SLOW = slice(SLOW_EAST, SLOW_NORTH + 1)
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,6 +53,13 @@ FORGET_S = 300.0
 LEAST_WEIGHT = 1e-4
 """No model is ruled out for good."""
 
+DELAY_SD_S = 0.1
+"""What stamps may be off as a whole: nothing where receivers stamp; where arrival is the stamp, autopilots allow u-blox
+receivers 95 ms (openpilot) to 110 ms (PX4's EKF2_GPS_DELAY)."""
+
+DELAY_LASTS_S = 36_000.0
+"""A delay is its device's, and changes with the load on it: over a working day, not over a street."""
+
 STAMP_SD_S = 0.02
 """Jitter of a fix's stamp where it is taken on arrival: serial lines and schedulers add 10 to 30 ms."""
 
@@ -71,7 +83,7 @@ YAW_SD_PER_TURN = 0.03
 
 @dataclass(frozen=True, slots=True)
 class PlaneFilter:
-    """A bank of M filters: means (M, 7), covariances (M, 7, 7), weights (M,) that sum to one."""
+    """A bank of M filters: means (M, 8), covariances (M, 8, 8), weights (M,) that sum to one."""
 
     mean: Matrix
     covariance: Matrix
@@ -79,46 +91,41 @@ class PlaneFilter:
 
     @property
     def state(self) -> Vector:
-        """The mixture's mean (7,)."""
+        """The mixture's mean (8,)."""
         return np.asarray(self.weight @ self.mean)
 
     @property
     def state_covariance(self) -> Matrix:
-        """The mixture's covariance (7, 7): that of each, and how far they are apart."""
+        """The mixture's covariance (8, 8): that of each, and how far they are apart."""
         apart = self.mean - self.state
         spread = np.einsum("m,mi,mj->ij", self.weight, apart, apart)
         return np.asarray(np.einsum("m,mij->ij", self.weight, self.covariance) + spread)
 
 
-def started(place_m: Vector, sd_m: float, yaw_rad: float, yaw_sd_rad: float) -> PlaneFilter:
-    """A bank at a fix (2,) east and north, whose error is the fix's: place and slow error are opposite."""
+ANYWHERE_SD_M = 1_000.0
+"""Of a place before its first fix: so much larger than a receiver's error that only the fix counts."""
+
+
+def started(fix: PlaceMeasurement, yaw_rad: float, yaw_sd_rad: float) -> PlaneFilter:
+    """A bank at a fix, whose errors are the fix's: its slow one, and what the car drove in the unknown delay."""
     count = len(ERROR_MODELS)
-    mean = np.zeros((count, 7))
-    mean[:, :2], mean[:, YAW] = place_m, yaw_rad
-    covariance = np.zeros((count, 7, 7))
-    covariance[:, YAW, YAW] = yaw_sd_rad**2
-    covariance[:, SCALE, SCALE] = SCALE_SD**2
-    covariance[:, TURN, TURN] = TURN_SD_RAD_PER_M**2
-    return _placed(PlaneFilter(mean, covariance, np.full(count, 1 / count)), place_m, sd_m)
+    mean = np.zeros((count, STATES))
+    mean[:, YAW] = yaw_rad
+    covariance = np.zeros((count, STATES, STATES))
+    for which, sd in ((YAW, yaw_sd_rad), (SCALE, SCALE_SD), (TURN, TURN_SD_RAD_PER_M), (DELAY, DELAY_SD_S)):
+        covariance[:, which, which] = sd**2
+    return moved_to(PlaneFilter(mean, covariance, np.full(count, 1 / count)), fix)
 
 
-def moved_to(bank: PlaneFilter, place_m: Vector, sd_m: float) -> PlaneFilter:
-    """The same heading and odometry at another fix (2,), as after a jump that turned out to be right."""
+def moved_to(bank: PlaneFilter, fix: PlaceMeasurement) -> PlaneFilter:
+    """The same heading, odometry and delay at a fix, as after a jump that turned out to be right."""
     mean, covariance = bank.mean.copy(), bank.covariance.copy()
-    mean[:, :2], mean[:, SLOW_EAST:] = place_m, 0.0
-    for lost in (EAST, NORTH, SLOW_EAST, SLOW_NORTH):
+    mean[:, :2], mean[:, SLOW] = fix.place_m, 0.0
+    for lost, sd in ((EAST, ANYWHERE_SD_M), (NORTH, ANYWHERE_SD_M), (SLOW_EAST, 1.0), (SLOW_NORTH, 1.0)):
         covariance[:, lost, :] = covariance[:, :, lost] = 0.0
-    return _placed(replace(bank, mean=mean, covariance=covariance), place_m, sd_m)
-
-
-def _placed(bank: PlaneFilter, place_m: Vector, sd_m: float) -> PlaneFilter:
-    for model, (mean, covariance) in zip(ERROR_MODELS, zip(bank.mean, bank.covariance, strict=True), strict=True):
-        mean[:2] = place_m
-        for place, slow in ((EAST, SLOW_EAST), (NORTH, SLOW_NORTH)):
-            covariance[place, place] = sd_m**2
-            covariance[slow, slow] = 1.0
-            covariance[place, slow] = covariance[slow, place] = -sd_m * model.slow
-    return bank
+        covariance[:, lost, lost] = sd**2
+    anywhere = replace(bank, mean=mean, covariance=covariance)
+    return with_place(anywhere, expectation(anywhere, fix), 0.0)
 
 
 def advanced(bank: PlaneFilter, step_m: Vector, turn_rad: float, elapsed_s: float) -> PlaneFilter:
@@ -128,29 +135,33 @@ def advanced(bank: PlaneFilter, step_m: Vector, turn_rad: float, elapsed_s: floa
     step = np.stack([cos * step_m[0] - sin * step_m[1], sin * step_m[0] + cos * step_m[1]], axis=1)
     scale = 1 + bank.mean[:, SCALE, None]
     kept = np.exp([-elapsed_s / model.memory_s for model in ERROR_MODELS])
+    delay_kept = math.exp(-elapsed_s / DELAY_LASTS_S)
     mean = bank.mean.copy()
     mean[:, :2] += scale * step
     mean[:, YAW] += turn_rad + mean[:, TURN] * way_m
-    mean[:, SLOW_EAST:] *= kept[:, None]
-    jacobian = np.tile(np.eye(7), (len(mean), 1, 1))
+    mean[:, SLOW] *= kept[:, None]
+    mean[:, DELAY] *= delay_kept
+    jacobian = np.tile(np.eye(STATES), (len(mean), 1, 1))
     jacobian[:, :2, YAW] = scale * np.stack([-step[:, 1], step[:, 0]], axis=1)
     jacobian[:, :2, SCALE] = step
     jacobian[:, YAW, TURN] = way_m
     jacobian[:, SLOW_EAST, SLOW_EAST] = jacobian[:, SLOW_NORTH, SLOW_NORTH] = kept
+    jacobian[:, DELAY, DELAY] = delay_kept
     covariance = jacobian @ bank.covariance @ jacobian.transpose(0, 2, 1)
-    axes = np.arange(7)
+    axes = np.arange(STATES)
     covariance[:, axes, axes] += _noise(way_m, turn_rad)
+    covariance[:, DELAY, DELAY] += DELAY_SD_S**2 * (1 - delay_kept**2)
     covariance[:, SLOW_EAST, SLOW_EAST] += 1 - kept**2
     covariance[:, SLOW_NORTH, SLOW_NORTH] += 1 - kept**2
     return replace(bank, mean=mean, covariance=covariance)
 
 
 def _noise(way_m: float, turn_rad: float) -> Vector:
-    """Variances (7,) that a step adds; constants wander so that they are forgotten over `CONSTANTS_LAST_M`."""
+    """Variances (8,) that a way adds; constants wander so that they are forgotten over `CONSTANTS_LAST_M`."""
     wander = 2 * way_m / CONSTANTS_LAST_M
     yaw = YAW_SD_RAD**2 * way_m + (YAW_SD_PER_TURN * turn_rad) ** 2
     place = WAY_SD_M**2 * way_m
-    return np.array([place, place, yaw, SCALE_SD**2 * wander, TURN_SD_RAD_PER_M**2 * wander, 0.0, 0.0])
+    return np.array([place, place, yaw, SCALE_SD**2 * wander, TURN_SD_RAD_PER_M**2 * wander, 0.0, 0.0, 0.0])
 
 
 @dataclass(frozen=True, slots=True)
@@ -169,7 +180,7 @@ class PlaceMeasurement:
 
 @dataclass(frozen=True, slots=True)
 class Expectation:
-    """What each filter expects of a fix: (M, 2), its Jacobian (M, 2, 7), the fix's noise and the whole covariance, both
+    """What each filter expects of a fix: (M, 2), its Jacobian (M, 2, 8), the fix's noise and the whole covariance, both
     (M, 2, 2)."""
 
     fix: PlaceMeasurement
@@ -215,7 +226,7 @@ def with_scale(bank: PlaneFilter, scale: float, sd: float) -> PlaneFilter:
 
 def _with_one(bank: PlaneFilter, which: int, residual: Vector, sd: float) -> PlaneFilter:
     """The bank after a measurement of one of its numbers; the filters differ too little in it to be judged by it."""
-    jacobian = np.zeros((len(bank.mean), 1, 7))
+    jacobian = np.zeros((len(bank.mean), 1, STATES))
     jacobian[:, 0, which] = 1.0
     noise = np.full((len(bank.mean), 1, 1), sd**2)
     gain = bank.covariance[:, :, which, None] / (bank.covariance[:, which, which] + sd**2)[:, None, None]
@@ -228,19 +239,22 @@ def expectation(bank: PlaneFilter, fix: PlaceMeasurement) -> Expectation:
     cos, sin = np.cos(bank.mean[:, YAW]), np.sin(bank.mean[:, YAW])
     enu_from_car = np.moveaxis(np.array([[cos, -sin], [sin, cos]]), 2, 0)
     behind = enu_from_car @ fix.behind_m
+    velocity = enu_from_car @ fix.velocity_mps
     offset = enu_from_car @ fix.antenna_m - (1 + bank.mean[:, SCALE, None]) * behind
+    offset -= bank.mean[:, DELAY, None] * velocity
     slow_m = fix.sd_m * np.array([model.slow for model in ERROR_MODELS])
-    jacobian = np.zeros((len(bank.mean), 2, 7))
+    jacobian = np.zeros((len(bank.mean), 2, STATES))
     jacobian[:, 0, EAST] = jacobian[:, 1, NORTH] = 1.0
     jacobian[:, :, YAW] = np.stack([-offset[:, 1], offset[:, 0]], axis=1)
     jacobian[:, :, SCALE] = -behind
+    jacobian[:, :, DELAY] = -velocity
     jacobian[:, 0, SLOW_EAST] = jacobian[:, 1, SLOW_NORTH] = slow_m
-    late = STAMP_SD_S * (enu_from_car @ fix.velocity_mps)
+    late = STAMP_SD_S * velocity
     white_m2 = np.array([(fix.sd_m * model.white) ** 2 for model in ERROR_MODELS])
     noise = white_m2[:, None, None] * np.eye(2) + late[:, :, None] * late[:, None, :]
     return Expectation(
         fix,
-        expected_m=bank.mean[:, :2] + offset + slow_m[:, None] * bank.mean[:, SLOW_EAST:],
+        expected_m=bank.mean[:, :2] + offset + slow_m[:, None] * bank.mean[:, SLOW],
         jacobian=jacobian,
         noise_m2=noise,
         covariance_m2=jacobian @ bank.covariance @ jacobian.transpose(0, 2, 1) + noise,
@@ -249,5 +263,5 @@ def expectation(bank: PlaneFilter, fix: PlaceMeasurement) -> Expectation:
 
 def _reduced(covariance: Matrix, gain: Matrix, jacobian: Matrix, noise: Matrix) -> Matrix:
     """Joseph's form, which stays symmetric and positive."""
-    rest = np.eye(7) - gain @ jacobian
+    rest = np.eye(STATES) - gain @ jacobian
     return np.asarray(rest @ covariance @ rest.transpose(0, 2, 1) + gain @ noise @ gain.transpose(0, 2, 1))

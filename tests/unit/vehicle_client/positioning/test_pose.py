@@ -174,8 +174,11 @@ def test_perfect_fixes_give_the_perfect_pose(heading_deg: int) -> None:
 
 def test_noise_that_is_new_with_every_fix_is_averaged_away_and_the_pose_knows() -> None:
     pose = driven(0.7, frames=600, noise_m=1.0)
+    ahead, left = np.array([math.sin(0.7), math.cos(0.7)]), np.array([-math.cos(0.7), math.sin(0.7)])
     assert np.linalg.norm(error_m(pose, 0.7, 600)) < 0.6
-    assert pose.sd_m < 0.5
+    assert math.sqrt(left @ pose.covariance_m2 @ left) < 0.4
+    # At one speed on a straight road nothing tells how old fixes are, of which 0.1 s is allowed for.
+    assert math.sqrt(ahead @ pose.covariance_m2 @ ahead) < 0.1 * SPEED_MPS
 
 
 def test_a_bias_that_all_fixes_share_stays_and_the_pose_says_how_unsure_it_is() -> None:

@@ -11,10 +11,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tests.unit.vehicle_client.making import NOON_S, ORIGIN, planar
+from vehicle_client.frames import Vector
 from vehicle_client.positioning import pose_filter
 from vehicle_client.positioning.odometry_history import OdometryHistory
 from vehicle_client.positioning.pose import PoseFilter, update
 from vehicle_client.positioning.pose_filter import (
+    DELAY,
+    DELAY_SD_S,
     ERROR_MODELS,
     SCALE,
     YAW,
@@ -53,7 +56,7 @@ steps = st.lists(
 def test_whatever_comes_the_covariances_stay_covariances_and_the_weights_sum_to_one(
     drive: list[tuple[float, float, float, float, float]],
 ) -> None:
-    bank = started(NOWHERE, 1.0, 0.3, 0.05)
+    bank = started(fix_of(0, 0), 0.3, 0.05)
     for ahead, left, turn, east, sd in drive:
         bank = advanced(bank, np.array([ahead, left]), turn, 0.1)
         bank = with_yaw(after_fix(bank, fix_of(east, -east, sd)), turn, 0.1)
@@ -65,7 +68,7 @@ def test_whatever_comes_the_covariances_stay_covariances_and_the_weights_sum_to_
 
 
 def test_a_way_without_fixes_makes_place_and_heading_less_sure() -> None:
-    bank = started(NOWHERE, 1.0, 0.0, 0.01)
+    bank = started(fix_of(0, 0), 0.0, 0.01)
     moved = bank
     for _ in range(100):
         moved = advanced(moved, np.array([1.0, 0.0]), 0.0, 0.1)
@@ -78,13 +81,13 @@ def test_a_way_without_fixes_makes_place_and_heading_less_sure() -> None:
 
 
 def test_a_parked_car_loses_nothing_but_time() -> None:
-    bank = started(NOWHERE, 1.0, 0.0, 0.01)
+    bank = started(fix_of(0, 0), 0.0, 0.01)
     later = advanced(bank, NOWHERE, 0.0, 60.0)
     assert later.state_covariance[:2, :2] == pytest.approx(bank.state_covariance[:2, :2])
 
 
 def test_thousands_of_equal_fixes_of_a_parked_car_do_not_make_it_sure() -> None:
-    bank = started(NOWHERE, 1.0, 0.0, 0.01)
+    bank = started(fix_of(0, 0), 0.0, 0.01)
     for _ in range(600):
         bank = after_fix(advanced(bank, NOWHERE, 0.0, 0.1), fix_of(0.0, 0.0))
     assert math.sqrt(bank.state_covariance[0, 0]) > 0.7
@@ -93,7 +96,7 @@ def test_thousands_of_equal_fixes_of_a_parked_car_do_not_make_it_sure() -> None:
 @pytest.mark.parametrize("kind", ["white", "slow"])
 def test_the_bank_finds_out_what_a_receiver_is_like(kind: str) -> None:
     random = np.random.default_rng(5)
-    bank, slow = started(NOWHERE, 1.0, 0.0, 0.01), random.normal(0, 1, 2)
+    bank, slow = started(fix_of(0, 0), 0.0, 0.01), random.normal(0, 1, 2)
     kept = math.exp(-0.1 / 100)
     for _ in range(900):
         slow = kept * slow + math.sqrt(1 - kept**2) * random.normal(0, 1, 2)
@@ -104,11 +107,64 @@ def test_the_bank_finds_out_what_a_receiver_is_like(kind: str) -> None:
 
 
 def test_another_place_keeps_what_is_known_of_heading_and_odometry() -> None:
-    bank = pose_filter.with_scale(started(NOWHERE, 1.0, 0.7, 0.01), 0.02, 0.001)
-    moved = pose_filter.moved_to(bank, np.array([50.0, 0.0]), 2.0)
+    bank = pose_filter.with_scale(started(fix_of(0, 0), 0.7, 0.01), 0.02, 0.001)
+    moved = pose_filter.moved_to(bank, fix_of(50, 0, 2.0))
     assert moved.state[:2] == pytest.approx([50, 0])
     assert moved.state[[YAW, SCALE]] == pytest.approx(bank.state[[YAW, SCALE]])
-    assert moved.state_covariance[0, 0] == pytest.approx(4.0)
+    assert moved.state_covariance[0, 0] == pytest.approx(4.0, rel=1e-4)
+
+
+def with_late_fixes(
+    delay_s: float, speeds_mps: list[float], turn_rad: float = 0.0, bias_m: tuple[float, float] = (0.0, 0.0)
+) -> tuple[PlaneFilter, Vector]:
+    """The bank after a second at each of these speeds, turning in each, with a biased receiver; and the true place."""
+    place, yaw, bank = np.zeros(2), 0.0, None
+    for speed in speeds_mps:
+        for _ in range(10):
+            velocity = speed * np.array([math.cos(yaw), math.sin(yaw)])
+            fix = fix_of(*(place - delay_s * velocity + bias_m), speed_mps=speed)
+            if bank is None:
+                bank = started(fix, 0.0, 0.01)
+            bank = after_fix(bank, fix)
+            bank = advanced(bank, np.array([0.1 * speed, 0.0]), turn_rad / 10, 0.1)
+            place, yaw = place + 0.1 * velocity, yaw + turn_rad / 10
+    assert bank is not None
+    return bank, place
+
+
+def ahead_sd_m(bank: PlaneFilter) -> float:
+    return math.sqrt(bank.state_covariance[0, 0])
+
+
+@pytest.mark.parametrize("delay_s", [0.0, 0.1, 0.2])
+def test_how_late_fixes_are_is_found_out_where_the_car_stops_and_goes(delay_s: float) -> None:
+    bank, place = with_late_fixes(
+        delay_s, [5.0, 10.0, 15.0, 10.0, 5.0, 0.0, 0.0, 5.0, 10.0, 15.0, 15.0], bias_m=(1, -1)
+    )
+    assert bank.state[DELAY] == pytest.approx(delay_s, abs=0.03)
+    assert bank.state[:2] - place == pytest.approx([1, -1], abs=0.5)
+
+
+def test_how_late_fixes_are_is_found_out_where_the_car_turns() -> None:
+    bank, place = with_late_fixes(0.15, [8.0] * 24, turn_rad=math.pi / 12, bias_m=(1, -1))
+    assert bank.state[DELAY] == pytest.approx(0.15, abs=0.03)
+    assert bank.state[:2] - place == pytest.approx([1, -1], abs=0.5)
+
+
+def test_at_one_speed_on_a_straight_road_nobody_knows_how_late_fixes_are_and_the_place_ahead_is_that_unsure() -> None:
+    steady, _ = with_late_fixes(0.15, [20.0] * 10)
+    assert math.sqrt(steady.state_covariance[DELAY, DELAY]) == pytest.approx(DELAY_SD_S, rel=0.1)
+    assert 1.8 < ahead_sd_m(steady) < 2.6
+    assert math.sqrt(steady.state_covariance[1, 1]) < 1.1
+
+
+def test_a_delay_that_is_known_outlasts_a_jump_and_fades_over_days_not_minutes() -> None:
+    bank, _ = with_late_fixes(0.15, [5.0, 15.0, 5.0, 0.0, 0.0, 15.0])
+    for later in (pose_filter.moved_to(bank, fix_of(80, 0)), advanced(bank, NOWHERE, 0.0, 600.0)):
+        assert later.state[DELAY] == pytest.approx(bank.state[DELAY], abs=0.01)
+        assert later.state_covariance[DELAY, DELAY] < (0.5 * DELAY_SD_S) ** 2
+    days_later = advanced(bank, NOWHERE, 0.0, 3e5)
+    assert math.sqrt(days_later.state_covariance[DELAY, DELAY]) == pytest.approx(DELAY_SD_S, rel=0.01)
 
 
 @pytest.mark.parametrize("counted", [0.97, 1.0, 1.02])
