@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Container, Mapping, Sequence
+import asyncio
+from collections.abc import Callable, Container, Mapping, Sequence
 from dataclasses import dataclass
+from typing import TypeVar
 
 from contract.observation import ReportResult, ReportStatus
 from server import rules
@@ -16,8 +18,14 @@ from server.storage import writing
 from server.storage.candidates import Asked
 from server.storage.database import Database
 from server.storage.features import ObstacleEvent
-from server.storage.repository import Answered, ReportName, Repository
+from server.storage.reads import ReportName
+from server.storage.repository import Answered, Repository
 from server.storage.working_set import WorkingSet
+
+T = TypeVar("T")
+R = TypeVar("R")
+# Reports that are decided without a pause: 10 ms, as long as a query nearby may wait for them.
+_AT_ONCE = 16
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,7 +47,8 @@ async def decide_together(
 
     What `distrusted` witnesses report is answered and logged only.
     """
-    return await decide_opened(database, [_opened(item, policy, distrusted) for item in parcels], policy)
+    opened = await _each(lambda item: _opened(item, policy, distrusted), parcels)
+    return await decide_opened(database, opened, policy)
 
 
 async def decide_opened(database: Database, opened: Sequence[Opened], policy: Policy) -> Outcomes:
@@ -52,13 +61,22 @@ async def decide_opened(database: Database, opened: Sequence[Opened], policy: Po
         places = await repository.last_places({item.witness for item in parcels})
         changes = await repository.working_set(held, [Asked(item.reach, item.parcel.witness) for item in opened])
         group = _Group(changes, known, places, policy)
-        outcomes = [group.decided(item) for item in opened]
+        outcomes = await _each(group.decided, opened)
         await writing.log(connection, group.lines)
         # A group without a new line (repetitions, rejections) leaves nothing to be ordered by.
         if group.lines:
             await writing.write(connection, changes, policy.life)
             await writing.move(connection, group.moved, places)
     return outcomes
+
+
+async def _each(act: Callable[[T], R], items: Sequence[T]) -> list[R]:
+    """Results for items in order, with pauses in which others are served."""
+    results: list[R] = []
+    for first in range(0, len(items), _AT_ONCE):
+        results += map(act, items[first : first + _AT_ONCE])
+        await asyncio.sleep(0)
+    return results
 
 
 @dataclass(frozen=True, slots=True)

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from uuid import UUID
 
+from pydantic_core import to_json
 from sqlalchemy import RowMapping
 
 from contract.geometry import LatLon
@@ -15,14 +17,15 @@ from server.life.policy import Life
 from server.storage.rows import obstacle_of
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class ObstacleEvent:
     """A served field of an obstacle changed, or the obstacle is gone; published after the commit."""
 
     obstacle_id: UUID
     revision: int
     position: LatLon
-    feature: ObstacleFeature
+    told: ObstacleFeature | str
+    """The feature, or its text: few events have a vehicle near them that must be told."""
     removed_reason: RemovalReason | None
     merged_into: UUID | None
 
@@ -34,10 +37,15 @@ class ObstacleEvent:
             obstacle_id=feature.id,
             revision=properties.revision,
             position=feature.position,
-            feature=feature,
+            told=feature,
             removed_reason=properties.removed_reason,
             merged_into=properties.merged_into,
         )
+
+    @cached_property
+    def feature(self) -> ObstacleFeature:
+        """The obstacle after the change."""
+        return ObstacleFeature.model_validate_json(self.told) if isinstance(self.told, str) else self.told
 
 
 def feature_of(obstacle: Obstacle, life: Life) -> ObstacleFeature:
@@ -69,6 +77,38 @@ def feature_of(obstacle: Obstacle, life: Life) -> ObstacleFeature:
     return ObstacleFeature(id=obstacle.id, geometry=PointGeometry.at(obstacle.place.position), properties=properties)
 
 
+def feature_text(obstacle: Obstacle, life: Life) -> str:
+    """The text of `feature_of`, byte for byte: every report changes one, and few are looked at before they are sent."""
+    shape, place = obstacle.shape, obstacle.place
+    properties = {
+        "kind": obstacle.kind.value,
+        "sign": obstacle.sign.value,
+        "state": obstacle.state.value,
+        "version": obstacle.version,
+        "revision": obstacle.revision,
+        "box": vars(shape.box),
+        "box_sd": vars(shape.box_sd),
+        "volume_m3": shape.volume_m3,
+        "position_covariance": vars(place.covariance),
+        "altitude_m": place.altitude_m,
+        "confidence": obstacle.confidence,
+        "as_of": obstacle.as_of,
+        "half_life_s": life.half_life_s[obstacle.kind],
+        "expires_at": expires_at(obstacle, life),
+        "first_seen": obstacle.first_seen,
+        "last_seen": obstacle.last_seen,
+        "sightings": obstacle.sightings,
+        "witnesses": obstacle.witness_count,
+        "succeeds": obstacle.succeeds,
+        "merged_into": obstacle.merged_into,
+        "removed_reason": obstacle.removed_reason,
+        "inspection_state": obstacle.inspection_state.value,
+    }
+    point = {"type": "Point", "coordinates": (place.position.longitude_deg, place.position.latitude_deg)}
+    feature = {"type": "Feature", "id": obstacle.id, "geometry": point, "properties": properties}
+    return to_json(feature).decode()
+
+
 def stored_feature(row: RowMapping, life: Life) -> ObstacleFeature:
     """An obstacle as a GeoJSON feature from its row, whose text was made when it last changed."""
     text = row["feature"]
@@ -79,4 +119,16 @@ def stored_feature(row: RowMapping, life: Life) -> ObstacleFeature:
 
 def event_of(obstacle: Obstacle, life: Life) -> ObstacleEvent:
     """The event that tells of an obstacle's latest revision."""
-    return ObstacleEvent.of(feature_of(obstacle, life))
+    return event_with(obstacle, feature_text(obstacle, life))
+
+
+def event_with(obstacle: Obstacle, text: str) -> ObstacleEvent:
+    """The same for a text that was made already."""
+    return ObstacleEvent(
+        obstacle_id=obstacle.id,
+        revision=obstacle.revision,
+        position=obstacle.place.position,
+        told=text,
+        removed_reason=obstacle.removed_reason,
+        merged_into=obstacle.merged_into,
+    )

@@ -23,16 +23,9 @@ from server.life.policy import Life
 from server.storage import candidates, rows, tables
 from server.storage.candidates import Asked
 from server.storage.features import stored_feature
-from server.storage.statements import (
-    answers_to,
-    numbered,
-    padded,
-    places_of,
-    tiles_for_update,
-)
+from server.storage.reads import ReportName, reads_of
+from server.storage.rows import Row
 from server.storage.working_set import Tile, WorkingSet
-
-ReportName = tuple[str, UUID]
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,7 +59,7 @@ class Repository:
 
     async def working_set(self, held: dict[int, Tile], asked: Sequence[Asked]) -> WorkingSet:
         """All obstacles that reports could concern, removed ones too, with the evidence that decisions may need."""
-        return WorkingSet(held, *await candidates.read(self._connection, asked), self._life)
+        return WorkingSet(held, *await candidates.read(await reads_of(self._connection), asked), self._life)
 
     async def near(self, centre: LatLon, radius_m: float, now: datetime) -> tuple[ObstacleFeature, ...]:
         """Live obstacles in the cells of a circle (a little more than the circle) that have not expired."""
@@ -83,25 +76,13 @@ class Repository:
 
     async def answered(self, names: Iterable[ReportName]) -> dict[ReportName, Answered]:
         """What was answered before, by the reports' names."""
-        wanted = padded(sorted(set(names)))
-        if not wanted:
-            return {}
-        values = numbered("key", [key for key, _ in wanted]) | numbered("report", [report for _, report in wanted])
-        found = await self._connection.execute(answers_to(len(wanted)), values)
-        return {(row.key_id, row.report_id): Answered(row.body_sha256, row.answer) for row in found}
+        found = await (await reads_of(self._connection)).answers(sorted(set(names)))
+        return {(row["key_id"], row["report_id"]): Answered(row["body_sha256"], row["answer"]) for row in found}
 
     async def last_places(self, witnesses: Iterable[str]) -> dict[str, LastPlace]:
         """Where witnesses were when they last reported."""
-        names = padded(sorted(set(witnesses)))
-        if not names:
-            return {}
-        found = await self._connection.execute(places_of(len(names)), numbered("name", names))
-        return {
-            row.witness: LastPlace(
-                LatLon(latitude_deg=row.latitude_deg, longitude_deg=row.longitude_deg), row.sd_m, row.observed_at
-            )
-            for row in found
-        }
+        found = await (await reads_of(self._connection)).places(sorted(set(witnesses)))
+        return {row["witness"]: LastPlace(_position(row), row["sd_m"], row["observed_at"]) for row in found}
 
     async def secret(self, name: str, fresh: str) -> str:
         """A secret of this installation; `fresh` becomes it when there is none yet."""
@@ -110,12 +91,8 @@ class Repository:
         return str((await self._connection.execute(query)).scalar_one())
 
     async def _held(self, tiles: list[int]) -> dict[int, Tile]:
-        if not tiles:
-            return {}
-        wanted = padded(tiles)
-        values = numbered("shard", [shard_of_tile(number) for number in wanted]) | numbered("tile", wanted)
-        found = await self._connection.execute(tiles_for_update(len(wanted)), values)
-        return {row.tile: Tile(row.version, row.lock_seq) for row in found}
+        found = await (await reads_of(self._connection)).tiles(tiles)
+        return {row["tile"]: Tile(row["version"], row["lock_seq"]) for row in found}
 
     async def _obstacle_rows(self, *conditions: ColumnElement[bool]) -> Sequence[RowMapping]:
         query = select(tables.obstacle).where(*conditions).order_by(tables.obstacle.c.id)
@@ -126,6 +103,10 @@ class Repository:
         if self._connection.dialect.name == "sqlite":
             return sqlite.insert(table).on_conflict_do_nothing()
         return postgresql.insert(table).on_conflict_do_nothing()
+
+
+def _position(row: Row) -> LatLon:
+    return LatLon(latitude_deg=row["latitude_deg"], longitude_deg=row["longitude_deg"])
 
 
 def _in_cells(ranges: Ranges) -> ColumnElement[bool]:

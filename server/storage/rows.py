@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime
 from typing import Any
@@ -18,6 +18,9 @@ from server.geometry.quadkey import cell_of
 from server.life.decay import expires_at
 from server.life.obstacle import Obstacle, Place, Shape, Size, Witness
 from server.life.policy import Life
+
+Row = RowMapping | Mapping[str, Any]
+"""Values by the names of columns, as SQLAlchemy has them, or a plain mapping."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,7 +78,7 @@ def row_of(obstacle: Obstacle, life: Life) -> dict[str, Any]:
     }
 
 
-def obstacle_of(row: RowMapping, evidence: Sequence[Witness] = ()) -> Obstacle:
+def obstacle_of(row: Row, evidence: Sequence[Witness] = ()) -> Obstacle:
     """An obstacle from its row and the evidence loaded for it."""
     sizes = _sizes.validate_json(row["sizes"])
     return Obstacle(
@@ -133,6 +136,6 @@ def witness_row(shard: int, obstacle_id: UUID, witness: Witness) -> dict[str, An
     }
 
 
-def witness_of(row: RowMapping) -> Witness:
+def witness_of(row: Row) -> Witness:
     """A witness's evidence from its row."""
     return Witness(row["name"], _moments.validate_json(row["seen_at"]), row["absent_at"])

@@ -1,6 +1,6 @@
-"""The statements of every report, made once for each number of parameters.
+"""The statements of every report, made once: for PostgreSQL with arrays, for SQLite for each number of parameters.
 
-Building a statement and its cache key takes SQLAlchemy longer than the database needs to answer it. The numbers of
+Building a statement and its cache key takes SQLAlchemy longer than the database needs to answer it. SQLite's numbers of
 parameters are powers of two (`padded`), so that there are few statements to make and to prepare.
 """
 
@@ -19,17 +19,21 @@ from sqlalchemy import (
     Select,
     SmallInteger,
     String,
+    Table,
     TableValuedAlias,
     Uuid,
     and_,
+    any_,
     bindparam,
     func,
+    insert,
     literal_column,
     or_,
     select,
     true,
     tuple_,
 )
+from sqlalchemy.sql.dml import Insert
 
 from server.geometry.quadkey import Ranges
 from server.storage import tables
@@ -72,7 +76,7 @@ def obstacles_reached() -> Select[Any]:
     """
     table = tables.obstacle
     spans = _unnested(("lows", BigInteger), ("highs", BigInteger), ("limits_m2", Double))
-    named = table.c.id == func.any(bindparam("ids", type_=ARRAY(Uuid)))
+    named = table.c.id == _any_of("ids", Uuid)
     wanted = and_(table.c.cell.between(spans.c.lows, spans.c.highs), or_(spans.c.limits_m2 < _VARIANCE, named))
     inside = select(*_DECIDED).where(wanted).offset(_NOTHING).lateral()
     return select(inside).select_from(spans.join(inside, true()))
@@ -129,12 +133,19 @@ def evidence_since_arrays() -> Select[Any]:
 
 
 @lru_cache
-def tiles_for_update(tiles: int) -> Select[Any]:
-    """Rows of that many tiles (`tile0`... with `shard0`...), locked in ascending order."""
+def tiles_held(tiles: int) -> Select[Any]:
+    """Rows of that many tiles (`tile0`... with `shard0`...) in a transaction that holds all of them already."""
+    table = tables.tile
+    return select(table.c.tile, table.c.version, table.c.lock_seq).where(_are_tiles(tiles))
+
+
+@cache
+def tiles_for_update() -> Select[Any]:
+    """For PostgreSQL: rows of tiles (array `tiles`) in their shards (array `shards`), locked in ascending order."""
     table = tables.tile
     return (
         select(table.c.tile, table.c.version, table.c.lock_seq)
-        .where(_are_tiles(tiles))
+        .where(table.c.shard == _any_of("shards", SmallInteger), table.c.tile == _any_of("tiles", BigInteger))
         .order_by(table.c.shard, table.c.tile)
         .with_for_update()
     )
@@ -160,11 +171,36 @@ def answers_to(reports: int) -> Select[Any]:
     )
 
 
+@cache
+def answers_to_arrays() -> Select[Any]:
+    """For PostgreSQL: what was answered to reports (arrays `key_ids`, `report_ids`)."""
+    table = tables.report
+    about = _unnested(("key_ids", String), ("report_ids", Uuid))
+    here = and_(table.c.key_id == about.c.key_ids, table.c.report_id == about.c.report_ids)
+    found = select(table.c.key_id, table.c.report_id, table.c.body_sha256, table.c.answer).where(here)
+    inside = found.offset(_NOTHING).lateral()
+    return select(inside).select_from(about.join(inside, true()))
+
+
 @lru_cache
 def places_of(witnesses: int) -> Select[Any]:
     """Last places of that many witnesses (`name0`...)."""
     names: list[ColumnElement[str]] = [bindparam(f"name{number}") for number in range(witnesses)]
     return select(tables.vehicle_place).where(tables.vehicle_place.c.witness.in_(names))
+
+
+@cache
+def places_of_arrays() -> Select[Any]:
+    """For PostgreSQL: last places of witnesses (array `names`)."""
+    table = tables.vehicle_place
+    return select(table).where(table.c.witness == _any_of("names", String))
+
+
+@cache
+def insert_of_arrays(table: Table) -> Insert:
+    """For PostgreSQL: rows of a table, one array of values for each column."""
+    values = _unnested(*((column.name, column.type) for column in table.columns))
+    return insert(table).from_select([column.name for column in table.columns], select(*values.c))
 
 
 def range_values(ranges: Ranges) -> dict[str, int]:
@@ -186,8 +222,13 @@ def _in_cells(spans: int) -> ColumnElement[bool]:
 
 def _unnested(*arrays: tuple[str, Any]) -> TableValuedAlias:
     """Rows of arrays of the same length, given as parameters of their names and the types of their members."""
-    values = [bindparam(name, type_=ARRAY(member)) for name, member in arrays]
+    values = [bindparam(name, type_=ARRAY(member, dimensions=1)) for name, member in arrays]
     return func.unnest(*values).table_valued(*(name for name, _ in arrays)).render_derived()
+
+
+def _any_of(name: str, member: Any) -> ColumnElement[Any]:
+    """One of the values of an array that is given as a parameter of that name."""
+    return any_(bindparam(name, type_=ARRAY(member, dimensions=1)))
 
 
 def _are_tiles(tiles: int) -> ColumnElement[bool]:

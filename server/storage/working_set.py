@@ -19,7 +19,7 @@ from server.geometry.quadkey import cell_of, tile_of_cell
 from server.life.obstacle import Obstacle, Witness
 from server.life.policy import Life
 from server.life.reach import Reach
-from server.storage.features import ObstacleEvent, event_of
+from server.storage.features import ObstacleEvent, event_with, feature_text
 
 Evidence = dict[tuple[UUID, str], Witness]
 Outcome = Literal["shared", "refuted"]
@@ -136,13 +136,12 @@ class WorkingSet:
 
     def _announced(self, after: Obstacle, tile_before: int, at: datetime) -> ObstacleEvent:
         """The event, in the log of the obstacle's tile, and in that of the tile that it has left."""
-        event = event_of(after, self._life)
-        body = self.features[after.id] = event.feature.model_dump_json()
+        body = self.features[after.id] = feature_text(after, self._life)
         for number in dict.fromkeys((tile_of_cell(self._cells[after.id]), tile_before)):
             tile = self.tiles[number]
             tile.version += 1
             self.events.append(EventLine(number, tile.version, after.id, body, at))
-        return event
+        return event_with(after, body)
 
 
 def _outcome(before: Obstacle, after: Obstacle) -> Outcome | None:

@@ -9,7 +9,7 @@ from typing import Any
 from uuid import UUID
 
 from pydantic import TypeAdapter
-from sqlalchemy import Table, Update, bindparam, case, update
+from sqlalchemy import Table, Update, bindparam, case, literal_column, update
 from sqlalchemy.ext.asyncio import AsyncConnection
 
 from server.geometry.quadkey import shard_of_tile
@@ -18,6 +18,7 @@ from server.life.obstacle import Obstacle
 from server.life.plausibility import LastPlace
 from server.life.policy import Life
 from server.storage import rows, tables
+from server.storage.executing import Executor, executor_of
 from server.storage.working_set import WorkingSet
 
 HeldTiles = dict[int, int]
@@ -42,27 +43,27 @@ class LoggedReport:
 
 async def write(connection: AsyncConnection, changes: WorkingSet, life: Life) -> None:
     """Write obstacles, evidence, ended versions and events, and advance the tiles."""
+    to = await executor_of(connection)
     created = [rows.row_of(obstacle, life) | _feature(changes, obstacle) for obstacle in changes.created]
-    await _insert(connection, tables.obstacle, created)
+    await to.insert(tables.obstacle, created)
     changed = [rows.row_of(obstacle, life) | _feature(changes, obstacle) for obstacle in changes.changed]
-    await _update(connection, _UPDATE_OBSTACLE, [row for row in changed if "feature" in row])
-    await _update(connection, _UPDATE_UNSERVED, [row for row in changed if "feature" not in row])
-    await _insert(connection, tables.obstacle_version, _ended_versions(changes))
+    await _update(to, _UPDATE_OBSTACLE, [row for row in changed if "feature" in row])
+    await _update(to, _UPDATE_UNSERVED, [row for row in changed if "feature" not in row])
+    await to.insert(tables.obstacle_version, _ended_versions(changes))
     evidence = {
         key: rows.witness_row(shard_of_id(key[0]), key[0], witness) for key, witness in changes.evidence.items()
     }
-    await _insert(
-        connection, tables.witness, [row for key, row in evidence.items() if key not in changes.stored_evidence]
-    )
-    await _update(connection, _UPDATE_WITNESS, [row for key, row in evidence.items() if key in changes.stored_evidence])
-    await _insert(connection, tables.creation, _creations(changes))
-    await _update(connection, _UPDATE_CREATION, _outcomes(changes))
-    await _insert(connection, tables.event, _events(changes))
-    await _update(connection, _UPDATE_TILE, _tiles(changes))
+    await to.insert(tables.witness, [row for key, row in evidence.items() if key not in changes.stored_evidence])
+    await _update(to, _UPDATE_WITNESS, [row for key, row in evidence.items() if key in changes.stored_evidence])
+    await to.insert(tables.creation, _creations(changes))
+    await _update(to, _UPDATE_CREATION, _outcomes(changes))
+    await to.insert(tables.event, _events(changes))
+    await _update(to, _UPDATE_TILE, _tiles(changes))
 
 
 async def move(connection: AsyncConnection, places: Mapping[str, LastPlace], known: Container[str]) -> None:
     """Write where witnesses were last; `known` have a row already. In one order, so that transactions do not cross."""
+    to = await executor_of(connection)
     values = [
         {
             "witness": witness,
@@ -73,12 +74,13 @@ async def move(connection: AsyncConnection, places: Mapping[str, LastPlace], kno
         }
         for witness, place in sorted(places.items())
     ]
-    await _insert(connection, tables.vehicle_place, [row for row in values if row["witness"] not in known])
-    await _update(connection, _UPDATE_PLACE, [row for row in values if row["witness"] in known])
+    await to.insert(tables.vehicle_place, [row for row in values if row["witness"] not in known])
+    await _update(to, _UPDATE_PLACE, [row for row in values if row["witness"] in known])
 
 
 async def log(connection: AsyncConnection, lines: Sequence[LoggedReport]) -> None:
     """Append to the observation log; the primary key refuses a second line of one report's name."""
+    to = await executor_of(connection)
     values = [
         {
             "key_id": line.key_id,
@@ -93,7 +95,7 @@ async def log(connection: AsyncConnection, lines: Sequence[LoggedReport]) -> Non
         }
         for line in lines
     ]
-    await _insert(connection, tables.report, values)
+    await to.insert(tables.report, values)
 
 
 def _feature(changes: WorkingSet, obstacle: Obstacle) -> dict[str, str]:
@@ -156,15 +158,9 @@ def _tiles(changes: WorkingSet) -> list[dict[str, Any]]:
     ]
 
 
-async def _insert(connection: AsyncConnection, table: Table, values: list[dict[str, Any]]) -> None:
-    if values:
-        await connection.execute(table.insert(), values)
-
-
-async def _update(connection: AsyncConnection, statement: Update, values: list[dict[str, Any]]) -> None:
+async def _update(to: Executor, statement: Update, values: list[dict[str, Any]]) -> None:
     """Update rows by their primary key; the names of its columns are bound with a trailing underscore."""
-    if values:
-        await connection.execute(statement, [{f"{name}_": value for name, value in row.items()} for row in values])
+    await to.update(statement, [{f"{name}_": value for name, value in row.items()} for row in values])
 
 
 def _update_by_key(table: Table, *untouched: str) -> Update:
@@ -187,9 +183,13 @@ _UPDATE_CREATION = (
     .where(
         tables.creation.c.shard == bindparam("shard_"),
         tables.creation.c.obstacle_id == bindparam("obstacle_id_"),
-        tables.creation.c.outcome == "sole",
+        tables.creation.c.outcome == literal_column("'sole'"),
     )
     # Whoever takes back what only they had reported is not refuted by it.
-    .values(outcome=case((tables.creation.c.witness == bindparam("by_"), "withdrawn"), else_=bindparam("outcome_")))
+    .values(
+        outcome=case(
+            (tables.creation.c.witness == bindparam("by_"), literal_column("'withdrawn'")), else_=bindparam("outcome_")
+        )
+    )
 )
 _UPDATE_TILE = _update_by_key(tables.tile)
