@@ -16,8 +16,11 @@ from vehicle_client.privacy.pseudonym import Pseudonyms
 from vehicle_client.privacy.quiet_zones import QuietZone, is_hidden
 
 ORIGIN_GRID_DEG = 0.0003
-"""33 m. The server takes two reports whose origins lie farther apart than 50 m and the way driven for two vehicles
-(`impossible-speed`): neighbouring points of a wider grid would, 47 m being the diagonal of this one."""
+"""33 m, and no more: a report is made 6 to 18 m from what it speaks of (`moments.ABOUT_TO_PASS_M`,
+`watching.INSPECTED_M`), and that place is exact, since it is what others are warned of. A wider grid would hide nothing
+that the report does not say, but the server would have to search three times the area (100 m) for each report, believe
+it of places 200 m away, and take two cars 160 m apart for one (`Plausibility.speed_slack_m` is 50 m; the diagonal here
+is 47 m)."""
 
 POSITION_GRID_DEG = 0.001
 """111 m: what is asked about is 600 m around."""

@@ -15,6 +15,7 @@ from hypothesis import strategies as st
 
 from contract.geometry import LatLon
 from contract.observation import Inspection, ObservationReport, Outcome
+from server.life.policy import Plausibility
 from tests.unit.server.making import NOON, PATRAS, detection, message
 from vehicle_client.area import distance_m
 from vehicle_client.frames import GeoOrigin
@@ -28,9 +29,10 @@ from vehicle_client.privacy.report_privacy import (
     departing,
     position_told,
 )
+from vehicle_client.watching import INSPECTED_M
 
-SPEED_SLACK_M = 50.0
-"""What the server forgives two origins of one moment (`server.life.policy.Plausibility.speed_slack_m`)."""
+SPEED_SLACK_M = Plausibility().speed_slack_m
+"""What the server forgives two origins of one moment."""
 
 places = st.builds(
     lambda lat, lon: LatLon(latitude_deg=lat, longitude_deg=lon), st.floats(-84, 84), st.floats(-180, 180)
@@ -75,6 +77,16 @@ def test_origins_of_a_moment_are_no_two_vehicles_to_the_server(position: LatLon,
     here, there = coarse(position, ORIGIN_GRID_DEG), coarse(at(east_m, north_m, position), ORIGIN_GRID_DEG)
     assert distance_m(here, there) < SPEED_SLACK_M
     assert distance_m(here, position) < SPEED_SLACK_M / 2
+
+
+@pytest.mark.parametrize("latitude_deg", [0.0, 38.0, 60.0])
+def test_the_grid_is_coarser_than_what_the_places_of_a_report_tell_of_the_car(latitude_deg: float) -> None:
+    """A report speaks of places at most 18 m away."""
+    half_cell_deg = 0.499 * ORIGIN_GRID_DEG
+    middle = LatLon(latitude_deg=latitude_deg, longitude_deg=21.0)
+    corner = LatLon(latitude_deg=latitude_deg + half_cell_deg, longitude_deg=21.0 + half_cell_deg)
+    assert coarse(corner, ORIGIN_GRID_DEG) == coarse(middle, ORIGIN_GRID_DEG) == middle
+    assert distance_m(corner, middle) >= INSPECTED_M
 
 
 def test_cars_on_one_spot_of_the_grid_cannot_be_told_apart() -> None:
