@@ -83,9 +83,11 @@ def test_origins_of_a_moment_are_no_two_vehicles_to_the_server(position: LatLon,
 def test_the_grid_is_coarser_than_what_the_places_of_a_report_tell_of_the_car(latitude_deg: float) -> None:
     """A report speaks of places at most 18 m away."""
     half_cell_deg = 0.499 * ORIGIN_GRID_DEG
-    middle = LatLon(latitude_deg=latitude_deg, longitude_deg=21.0)
-    corner = LatLon(latitude_deg=latitude_deg + half_cell_deg, longitude_deg=21.0 + half_cell_deg)
-    assert coarse(corner, ORIGIN_GRID_DEG) == coarse(middle, ORIGIN_GRID_DEG) == middle
+    middle = coarse(LatLon(latitude_deg=latitude_deg, longitude_deg=21.0), ORIGIN_GRID_DEG)
+    corner = LatLon(
+        latitude_deg=middle.latitude_deg + half_cell_deg, longitude_deg=middle.longitude_deg + half_cell_deg
+    )
+    assert coarse(corner, ORIGIN_GRID_DEG) == middle
     assert distance_m(corner, middle) >= INSPECTED_M
 
 
