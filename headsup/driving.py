@@ -39,7 +39,7 @@ from vehicle_client.recording.background_recorder import BackgroundRecorder
 from vehicle_client.recording.drive_recorder import DriveRecorder, RecordingError
 from vehicle_client.sensing.calibration import VehicleCalibration
 from vehicle_client.sensing.calibration_file import CalibrationError, CarCalibration, read_calibration
-from vehicle_client.session import Camera, Listener, drive_along, preparing, windshield
+from vehicle_client.session import Known, Listener, Preparing, drive_along, windshield
 from vehicle_client.sources.frame import LidarFrame, SourceError
 from vehicle_client.sources.opening import CountingSource, SourceOptions, open_source
 from vehicle_client.sources.shifting import begun_at
@@ -146,11 +146,12 @@ def _run(asked: Asked) -> Outcome:
         recorder = _recorder(asked, car, stack)
         listeners: list[Listener] = [_progress(stack, source)]
         if recorder is not None:
-            listeners.append(lambda step, ready: recorder.add(step, windshield(step, ready, car), ready.frame))
+            listeners.append(_recording(recorder, car))
         if store is not None:
             listeners.append(lambda step, _: store.save_if_due(step.known, step.frame.stamp_s))
+        preparing = stack.enter_context(Preparing(car, realtime=asked.is_realtime))
         paced = stack.enter_context(
-            Paced[Camera](frames, preparing(car), realtime=asked.is_realtime, is_recorded=not asked.is_live)
+            Paced[Known](frames, preparing, realtime=asked.is_realtime, is_recorded=not asked.is_live)
         )
         stack.enter_context(_ended_by_signals(paced))
         last = drive_along(paced, vehicle, totals, listeners)
@@ -250,19 +251,25 @@ def _recorder(asked: Asked, car: CarCalibration, stack: ExitStack) -> DriveRecor
     return stack.enter_context(BackgroundRecorder(recorder))
 
 
+def _recording(recorder: DriveRecorder | BackgroundRecorder, car: CarCalibration) -> Listener:
+    if isinstance(recorder, BackgroundRecorder):
+        return lambda step, ready: recorder.add(step, lambda: windshield(step, ready, car), ready.frame)
+    return lambda step, ready: recorder.add(step, windshield(step, ready, car), ready.frame)
+
+
 def _progress(stack: ExitStack, source: CountingSource) -> Listener:
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
     bar = stack.enter_context(Progress(*columns, console=Console(stderr=True), transient=True))
     task = bar.add_task("driving", total=len(source) or None)
 
-    def show(step: Step, _: Ready[Camera]) -> None:
+    def show(step: Step, _: Ready[Known]) -> None:
         bar.update(task, advance=1, description="driving" if step.reason is None else f"driving ({step.reason})")
 
     return show
 
 
 @contextmanager
-def _ended_by_signals(paced: Paced[Camera]) -> Iterator[None]:
+def _ended_by_signals(paced: Paced[Known]) -> Iterator[None]:
     """The first Ctrl-C or SIGTERM ends the drive in order, a second one at once."""
     before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
 

@@ -126,13 +126,15 @@ class Vehicle:
         """What the server said, to be kept for the next drive."""
         return self._known
 
-    def step(self, frame: LidarFrame) -> Step:
+    def step(self, frame: LidarFrame, detection: FrameDetection | None = None) -> Step:
         """Take one frame in. Without a pose obstacles are found and measured, but nothing is reported or shown.
 
-        Raises `DetectorError` for points that cannot be a sweep in metres; the state is then as before.
+        `detection` is what `detect` found in it, if somebody has asked already. Raises `DetectorError` for points that
+        cannot be a sweep in metres; the state is then as before.
         """
         sweep = detector_input(frame, self._calibration)
-        detection = detect(sweep)
+        if detection is None:
+            detection = detect(sweep)
         self._pose_filter, placed = pose.update(self._pose_filter, frame)
         here = placed.pose if placed.reason is None else None
         found = self._found(sweep, detection, frame.stamp_s)

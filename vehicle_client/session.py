@@ -5,15 +5,19 @@ from __future__ import annotations
 import logging
 import time
 from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
-from detector.types import DetectorError
+from detector.pipeline import detect
+from detector.types import DetectorError, FrameDetection
 from vehicle_client.ar.renderer import draw
-from vehicle_client.drive import Step, Vehicle, driver_scene
+from vehicle_client.drive import Step, Vehicle, detector_input, driver_scene
 from vehicle_client.faults import Faults
 from vehicle_client.pacing import Paced, Ready
+from vehicle_client.positioning.matching_process import MatchingProcess
 from vehicle_client.sensing.calibration import CameraCalibration
 from vehicle_client.sensing.calibration_file import CarCalibration
 from vehicle_client.sensing.preparation import Preparation
@@ -22,26 +26,63 @@ from vehicle_client.totals import Totals
 
 _LOG = logging.getLogger(__name__)
 
-Camera = CameraCalibration | None
-"""The camera where it was when it took a frame's picture; None without one."""
 
-Listener = Callable[[Step, Ready[Camera]], None]
+@dataclass(frozen=True, slots=True)
+class Known:
+    """What preparing a frame told besides.
+
+    `camera` is the camera where it was when it took the frame's picture, None without one; `detection` is what the
+    sweep alone shows, None if it cannot be a sweep.
+    """
+
+    camera: CameraCalibration | None
+    detection: FrameDetection | None
+
+
+Listener = Callable[[Step, Ready[Known]], None]
 """Somebody who is told of each step, in the drive's thread."""
 
 
-def preparing(car: CarCalibration) -> Callable[[LidarFrame], tuple[LidarFrame, Camera]]:
-    """What `Paced` does with each frame: stamps of one clock, odometry, points of one moment, the camera's place."""
-    preparation = Preparation(car)
+class Preparing:
+    """What `Paced` does with each frame of a drive: `Preparation`, and detecting in the sweep meanwhile.
 
-    def prepare(frame: LidarFrame) -> tuple[LidarFrame, Camera]:
-        prepared = preparation.prepared(frame)
-        camera = None if car.camera is None else preparation.camera_at_image(prepared, car.camera)
-        return prepared, camera
+    Sweeps are matched in a process of its own, which ends with the block; at the sensor's pace (`realtime`) nobody
+    waits until it is ready, else the same sweeps come out the same each time.
+    """
 
-    return prepare
+    def __init__(self, car: CarCalibration, *, realtime: bool) -> None:
+        self._car = car
+        self._preparation = Preparation(car, partial(MatchingProcess, waits=not realtime))
+
+    def __enter__(self) -> Preparing:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._preparation.close()
+
+    def __call__(self, frame: LidarFrame) -> tuple[LidarFrame, Known]:
+        """The prepared frame, and what is known of it."""
+        begun = self._preparation.begin(frame)
+        if begun.point_time_s is None:
+            # Where the points are does not depend on the motion, which is found out meanwhile.
+            detection = self._detection(begun)
+            prepared = self._preparation.finish(begun)
+        else:
+            prepared = self._preparation.finish(begun)
+            detection = self._detection(prepared)
+        camera = self._car.camera
+        at_image = None if camera is None else self._preparation.camera_at_image(prepared, camera)
+        return prepared, Known(at_image, detection)
+
+    def _detection(self, frame: LidarFrame) -> FrameDetection | None:
+        try:
+            return detect(detector_input(frame, self._car.vehicle))
+        except DetectorError:
+            # The drive hears it again when it takes the frame, and counts it.
+            return None
 
 
-def drive_along(paced: Paced[Camera], vehicle: Vehicle, totals: Totals, listeners: Sequence[Listener]) -> Step | None:
+def drive_along(paced: Paced[Known], vehicle: Vehicle, totals: Totals, listeners: Sequence[Listener]) -> Step | None:
     """Drive until the source ends; the last step, with what the end of the drive brought, None without a usable frame.
 
     A frame that cannot be a sweep is skipped, said once, and counted; so is one in which the program fails, until too
@@ -72,7 +113,7 @@ def drive_along(paced: Paced[Camera], vehicle: Vehicle, totals: Totals, listener
         totals.faults = faults.total + paced.faults.total
 
 
-def _next(frames: Iterator[Ready[Camera]], totals: Totals) -> Ready[Camera] | None:
+def _next(frames: Iterator[Ready[Known]], totals: Totals) -> Ready[Known] | None:
     try:
         return next(frames, None)
     except (SourceError, OSError) as error:
@@ -80,8 +121,8 @@ def _next(frames: Iterator[Ready[Camera]], totals: Totals) -> Ready[Camera] | No
         return None
 
 
-def _taken_in(ready: Ready[Camera], vehicle: Vehicle, totals: Totals) -> Step:
-    step = vehicle.step(ready.frame)
+def _taken_in(ready: Ready[Known], vehicle: Vehicle, totals: Totals) -> Step:
+    step = vehicle.step(ready.frame, ready.known.detection)
     totals.latency.observe(time.monotonic() - ready.complete_s)
     totals.add(step)
     return step
@@ -93,9 +134,9 @@ def _finished(last: Step, vehicle: Vehicle, totals: Totals) -> Step:
     return end
 
 
-def windshield(step: Step, ready: Ready[Camera], car: CarCalibration) -> NDArray[np.uint8] | None:
+def windshield(step: Step, ready: Ready[Known], car: CarCalibration) -> NDArray[np.uint8] | None:
     """What the driver is shown on the frame's picture, (H, W, 3) uint8 BGR; None without a picture or a camera."""
-    if ready.known is None or ready.frame.image is None:
+    if ready.known.camera is None or ready.frame.image is None:
         return None
     note = "" if step.reason is None else step.reason
-    return draw(driver_scene(step, car.vehicle, ready.known, note), ready.frame.image)
+    return draw(driver_scene(step, car.vehicle, ready.known.camera, note), ready.frame.image)

@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
+from detector.types import FrameDetection
 from headsup.cli import app
 from headsup.driving import Asked, Outcome, run
 from tests.e2e.street_bags import StreetBags, make_bags
@@ -43,11 +44,11 @@ class FailingVehicle(Vehicle):
         super().__init__(CALIBRATION, HeldLink(), pseudonym="test")
         self._failing, self._number = failing, -1
 
-    def step(self, frame: LidarFrame) -> Step:
+    def step(self, frame: LidarFrame, detection: FrameDetection | None = None) -> Step:
         self._number += 1
         if self._number in self._failing:
             raise ZeroDivisionError(f"frame {self._number}")
-        return super().step(frame)
+        return super().step(frame, detection)
 
 
 def frames(number: int, *, broken_off: str | None = None) -> Iterator[LidarFrame]:

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
 
 from vehicle_client.frames import Matrix, inverse
-from vehicle_client.positioning.odometry import Tracker, tracker_for
+from vehicle_client.positioning.odometry import ScanMatching, Tracker, tracker_for
 from vehicle_client.sensing.calibration import CameraCalibration
 from vehicle_client.sensing.calibration_file import CarCalibration
 from vehicle_client.sensing.deskew import Twist, deskew, twist_between
@@ -17,10 +18,13 @@ from vehicle_client.sources.frame import LidarFrame
 
 
 class Preparation:
-    """Takes the frames of a drive one after the other; a frame that it gave is in order for `pose` and detector."""
+    """Takes the frames of a drive one after the other; a frame that it gave is in order for `pose` and detector.
 
-    def __init__(self, calibration: CarCalibration) -> None:
-        self._calibration = calibration
+    `matching` makes what follows the sweeps of a drive that brings no odometry.
+    """
+
+    def __init__(self, calibration: CarCalibration, matching: Callable[[Matrix], Tracker] = ScanMatching) -> None:
+        self._calibration, self._matching = calibration, matching
         self._tracker: Tracker | None = None
         self._before: tuple[float, Matrix] | None = None
         self._twist: Twist | None = None
@@ -31,15 +35,34 @@ class Preparation:
         Points stay as they came where their times are not known (and the calibration's spin does not tell them), and in
         the first frame, whose motion nobody knows. A frame without a time has no odometry.
         """
+        return self.finish(self.begin(frame))
+
+    def begin(self, frame: LidarFrame) -> LidarFrame:
+        """The first half of `prepared`: stamps and times of points; where the car is may be found out meanwhile.
+
+        If the frame that comes out has no times, its points are those that `finish` will give.
+        """
         if not math.isfinite(frame.stamp_s):
             return replace(frame, odom_from_vehicle=None, point_time_s=None)
         frame = self._with_times(aligned(frame, self._calibration.delays))
         if self._tracker is None:
             vehicle_from_sensor = self._calibration.vehicle.vehicle_from_sensor
-            self._tracker = tracker_for(frame, vehicle_from_sensor, self._calibration.wheelbase_m)
-        odom_from_vehicle = self._tracker.odom_from_vehicle(frame)
-        self._twist = self._twist_until(frame.stamp_s, odom_from_vehicle)
-        return self._deskewed(replace(frame, odom_from_vehicle=odom_from_vehicle))
+            self._tracker = tracker_for(frame, vehicle_from_sensor, self._calibration.wheelbase_m, self._matching)
+        self._tracker.begin(frame)
+        return frame
+
+    def finish(self, begun: LidarFrame) -> LidarFrame:
+        """The second half of `prepared`, for the frame that `begin` gave last."""
+        if self._tracker is None or not math.isfinite(begun.stamp_s):
+            return begun
+        odom_from_vehicle = self._tracker.odom_from_vehicle(begun)
+        self._twist = self._twist_until(begun.stamp_s, odom_from_vehicle)
+        return self._deskewed(replace(begun, odom_from_vehicle=odom_from_vehicle))
+
+    def close(self) -> None:
+        """No frame comes any more."""
+        if self._tracker is not None:
+            self._tracker.close()
 
     def camera_at_image(self, frame: LidarFrame, camera: CameraCalibration) -> CameraCalibration:
         """The camera where it was when it took the frame's picture, in the car's frame at the sweep's stamp."""

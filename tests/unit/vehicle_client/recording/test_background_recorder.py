@@ -31,7 +31,7 @@ def test_the_thread_writes_the_same_bytes(tmp_path: Path) -> None:
     overlay = np.full((32, 48, 3), 200, np.uint8)
     with BackgroundRecorder(DriveRecorder(tmp_path / "a.mcap", CALIBRATION, least_free_bytes=0)) as recorder:
         for index in range(5):
-            recorder.add(step(index), overlay)
+            recorder.add(step(index), lambda: overlay)
     assert recorder.dropped == 0
     expected = record(tmp_path / "b.mcap", [step(i) for i in range(5)])
     assert (tmp_path / "a.mcap").read_bytes() == expected.read_bytes()
