@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numba import njit
 
 from detector.height_grid import GridFrame, grid_frame
 from detector.types import DetectorError, DetectorInput, Float32Array, FloatArray, FrameDetection, IntArray
@@ -85,10 +86,10 @@ def hits_around(state: Accumulator, centre_odom_xy: FloatArray, half_size_m: flo
         middle = (centre - keyframe.origin_odom_m[:2]).astype(np.float32)
         if np.abs(middle).max() > MAX_RANGE_M + half_size_m:
             continue
-        inside = np.abs(keyframe.offsets_m[:, :2] - middle).max(axis=1) <= half_size_m
-        if inside.any():
+        inside = _within(keyframe.offsets_m, middle, half_size_m)
+        if inside.size:
             points.append(keyframe.offsets_m[inside].astype(np.float64) + keyframe.origin_odom_m)
-            frames.append(np.full(int(inside.sum()), len(origins), dtype=np.int64))
+            frames.append(np.full(inside.size, len(origins), dtype=np.int64))
             origins.append(keyframe.origin_odom_m)
     places = np.array(origins).reshape(-1, 3)
     return PlaceHits(np.concatenate(points), np.concatenate(frames), places, centre, half_size_m)
@@ -108,8 +109,30 @@ def _pose(sweep: DetectorInput) -> FloatArray:
 
 
 def _keyframe(odom_from_sensor: FloatArray, points_m: Float32Array, residual_m: Float32Array) -> Keyframe:
-    with np.errstate(invalid="ignore"):
-        kept = (residual_m > RESIDUAL_BAND_M[0]) & (residual_m < RESIDUAL_BAND_M[1])
-    kept[kept] = np.hypot(points_m[kept, 0], points_m[kept, 1]) < MAX_RANGE_M
-    offsets = points_m[kept].astype(np.float64) @ odom_from_sensor[:3, :3].T
-    return Keyframe(odom_from_sensor[:3, 3].copy(), offsets.astype(np.float32))
+    offsets = _turned_near(points_m, residual_m, np.ascontiguousarray(odom_from_sensor))
+    return Keyframe(odom_from_sensor[:3, 3].copy(), offsets)
+
+
+@njit(cache=True, nogil=True)
+def _turned_near(points: Float32Array, residual: Float32Array, odom_from_sensor: FloatArray) -> Float32Array:
+    """What is near and not far off the road, relative to the sensor in the axes of `odom`, (K, 3)."""
+    turned, number = np.empty((len(points), 3), dtype=np.float32), 0
+    for i in range(len(points)):
+        x, y, z = np.float64(points[i, 0]), np.float64(points[i, 1]), np.float64(points[i, 2])
+        near = x * x + y * y < MAX_RANGE_M * MAX_RANGE_M
+        if near and RESIDUAL_BAND_M[0] < residual[i] < RESIDUAL_BAND_M[1]:
+            for k in range(3):
+                turned[number, k] = odom_from_sensor[k, 0] * x + odom_from_sensor[k, 1] * y + odom_from_sensor[k, 2] * z
+            number += 1
+    return turned[:number].copy()
+
+
+@njit(cache=True, nogil=True)
+def _within(offsets: Float32Array, middle: Float32Array, half_size: float) -> IntArray:
+    """Indices of the rows whose first two values lie in a square."""
+    inside, number = np.empty(len(offsets), dtype=np.int64), 0
+    for i in range(len(offsets)):
+        if abs(offsets[i, 0] - middle[0]) <= half_size and abs(offsets[i, 1] - middle[1]) <= half_size:
+            inside[number] = i
+            number += 1
+    return inside[:number].copy()

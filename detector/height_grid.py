@@ -40,19 +40,34 @@ class GridFrame:
 
 def grid_frame(points_m: Float32Array, residual_m: Float32Array, odom_from_sensor: FloatArray) -> GridFrame:
     """Cells of a sweep: points (N, 3) in `sensor`, residuals (N,) with NaN off the strip, pose (4, 4)."""
-    with np.errstate(invalid="ignore"):
-        chosen = np.flatnonzero(np.isfinite(residual_m) & (np.hypot(points_m[:, 0], points_m[:, 1]) < MAX_RANGE_M))
-    if chosen.size == 0:
+    hit, residual = _strip_hits(points_m, residual_m, np.ascontiguousarray(odom_from_sensor))
+    if len(hit) == 0:
         return GridFrame(np.empty((0, 3)), np.empty(0), np.empty(0))
-    hit = points_m[chosen].astype(np.float64) @ odom_from_sensor[:3, :3].T + odom_from_sensor[:3, 3]
     cell = np.floor(hit[:, :2] / CELL_M).astype(np.int64)
     first = cell.min(axis=0)
     width = int(cell[:, 0].max() - first[0]) + 1
     height = int(cell[:, 1].max() - first[1]) + 1
     index = (cell[:, 1] - first[1]) * width + cell[:, 0] - first[0]
-    found, hits, total, z = _sums(index, residual_m[chosen].astype(np.float64), hit[:, 2], width * height)
+    found, hits, total, z = _sums(index, residual, hit[:, 2], width * height)
     centre = np.stack([found % width + first[0], found // width + first[1]], axis=1) + 0.5
     return GridFrame(np.concatenate([centre * CELL_M, (z / hits)[:, None]], axis=1), hits, total)
+
+
+@njit(cache=True, nogil=True)
+def _strip_hits(
+    points: Float32Array, residual: Float32Array, odom_from_sensor: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Points in `odom` (K, 3) and residuals (K,) of what lies on the strip and not too far."""
+    hit, kept, number = np.empty((len(points), 3)), np.empty(len(points)), 0
+    for i in range(len(points)):
+        x, y, z = np.float64(points[i, 0]), np.float64(points[i, 1]), np.float64(points[i, 2])
+        if np.isfinite(residual[i]) and x * x + y * y < MAX_RANGE_M * MAX_RANGE_M:
+            for k in range(3):
+                turned = odom_from_sensor[k, 0] * x + odom_from_sensor[k, 1] * y + odom_from_sensor[k, 2] * z
+                hit[number, k] = turned + odom_from_sensor[k, 3]
+            kept[number] = residual[i]
+            number += 1
+    return hit[:number], kept[:number]
 
 
 @njit(cache=True, nogil=True)
@@ -74,7 +89,7 @@ def deviations_over(
 ) -> Deviations:
     """Deviations of the smoothed cells of several sweeps, along and across the corridor of the latest."""
     centres = np.concatenate([frame.centre_odom_m for frame in frames])
-    xy = centres @ sensor_from_odom[:2, :3].T + sensor_from_odom[:2, 3]
+    xy = _seen_from(centres, np.ascontiguousarray(sensor_from_odom))
     along, across = road_coordinates(xy, corridor.curvature_per_m)
     hits, total = (np.concatenate([getattr(frame, name) for frame in frames]) for name in ("hits", "total_m"))
     shape = (int((AHEAD_M + BEHIND_M) / CELL_M), int((corridor.left_m - corridor.right_m) / CELL_M) + 1)
@@ -85,6 +100,17 @@ def deviations_over(
     residual = mean[row, column]
     noise = _noise(residual, weight[row, column])
     return Deviations(along, across, np.hypot(along, across), residual, noise, sensor_height_m)
+
+
+@njit(cache=True, nogil=True)
+def _seen_from(points: FloatArray, sensor_from_odom: FloatArray) -> FloatArray:
+    """Points (N, 3) of `odom` in the plane of the frame `sensor`, (N, 2)."""
+    xy = np.empty((len(points), 2))
+    for i in range(len(points)):
+        for k in range(2):
+            turned = sensor_from_odom[k, 0] * points[i, 0] + sensor_from_odom[k, 1] * points[i, 1]
+            xy[i, k] = turned + sensor_from_odom[k, 2] * points[i, 2] + sensor_from_odom[k, 3]
+    return xy
 
 
 def _kernel() -> FloatArray:
@@ -133,16 +159,19 @@ def _smoothed(
     return weight, summed
 
 
-def _noise(residual_m: FloatArray, weight: FloatArray) -> FloatArray:
+@njit(cache=True, nogil=True)
+def _noise(residual: FloatArray, weight: FloatArray) -> FloatArray:
     """Standard deviation (K,) of the cells' means, measured among those of equal certainty."""
     kind = np.searchsorted(WEIGHT_CLASSES, weight, side="right") - 1
-    noise = np.empty(len(weight))
+    of_kind, flat = np.empty(len(WEIGHT_CLASSES)), np.empty(len(residual))
     known = NOISE_BAND_M / 3.0
     for k in range(len(WEIGHT_CLASSES)):
-        mine = kind == k
-        flat = np.abs(residual_m[mine])
-        flat = flat[flat < NOISE_BAND_M]
-        if flat.size >= MIN_CLASS_CELLS:
-            known = max(MAD_TO_SD * float(np.median(flat)), NOISE_FLOOR_M)
-        noise[mine] = known
-    return noise
+        number = 0
+        for i in range(len(residual)):
+            if kind[i] == k and abs(residual[i]) < NOISE_BAND_M:
+                flat[number] = abs(residual[i])
+                number += 1
+        if number >= MIN_CLASS_CELLS:
+            known = max(MAD_TO_SD * np.median(flat[:number]), NOISE_FLOOR_M)
+        of_kind[k] = known
+    return of_kind[kind]

@@ -7,6 +7,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
+import cv2
 import numpy as np
 import skia
 from numpy.typing import NDArray
@@ -31,8 +32,7 @@ SIGN_WHITE = 0xFFFDFDFD
 
 def draw(scene: Scene, image: Image) -> Image:
     """The image (H, W, 3) uint8 BGR with the scene painted over it; the input is left as it is."""
-    canvas_image: Image = np.dstack([image, np.full(image.shape[:2], 255, np.uint8)])
-    canvas_image = np.ascontiguousarray(canvas_image)
+    canvas_image = cv2.cvtColor(image, cv2.COLOR_BGR2BGRA)
     surface = skia.Surface(canvas_image, colorType=skia.ColorType.kBGRA_8888_ColorType)
     with surface as canvas:
         for marker in scene.markers:
@@ -43,8 +43,7 @@ def draw(scene: Scene, image: Image) -> Image:
         if scene.card is not None:
             _draw_card(canvas, scene.card, image.shape[1], scene.text_px)
         _draw_status(canvas, scene.status, image.shape[0], scene.text_px * 0.7)
-    painted: Image = canvas_image[:, :, :3].copy()
-    return painted
+    return np.asarray(cv2.cvtColor(canvas_image, cv2.COLOR_BGRA2BGR), dtype=np.uint8)
 
 
 def _paint(colour: int, **style: Any) -> Any:
