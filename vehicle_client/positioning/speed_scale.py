@@ -7,15 +7,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from vehicle_client.positioning.heading import repeated
+from vehicle_client.positioning.heading import VELOCITY_SD_MPS, repeated
 from vehicle_client.positioning.odometry_history import OdometryHistory, PlanarPose
 from vehicle_client.sources.frame import GnssFix
 
 FROM_MPS = 5.0
 """Below it, a speed's error of 0.1 m/s is more than wheels ever err."""
-
-SPEED_SD_MPS = 0.1
-"""As of a velocity across the way (`heading.VELOCITY_SD_MPS`)."""
 
 LAG_S = 0.2
 """Receivers smooth, and odometry's speed is that of the time before: while a car brakes both differ."""
@@ -39,7 +36,7 @@ def measured_scale(fix: GnssFix, at: PlanarPose, history: OdometryHistory, elaps
     speed, old_speed = (_speed_mps(one, other) for one, other in ((before, at), (earlier, before)))
     if min(speed, fix.speed_mps) < FROM_MPS:
         return None
-    sd_mps = math.hypot(SPEED_SD_MPS, LAG_S * (speed - old_speed) / MOTION_S)
+    sd_mps = math.hypot(VELOCITY_SD_MPS, LAG_S * (speed - old_speed) / MOTION_S)
     return ScaleMeasurement(fix.speed_mps / speed - 1, repeated(elapsed_s) * sd_mps / speed)
 
 
