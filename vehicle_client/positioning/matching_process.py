@@ -11,8 +11,6 @@ import sys
 import time
 from multiprocessing.connection import wait
 
-import numpy as np
-
 from vehicle_client.frames import Matrix
 from vehicle_client.positioning.matching_worker import matrix_bytes, matrix_of, receive, send, send_sweep
 from vehicle_client.positioning.odometry import Tracker, is_gap
@@ -27,7 +25,7 @@ READY_WITHIN_S = 60.0
 """It loads libraries first: two seconds, and a slow card with a busy processor takes ten times that."""
 
 PAUSE_S, LONGEST_PAUSE_S = 5.0, 600.0
-"""Between two beginnings, doubled each time until there is odometry: a worker that always ends must not take the
+"""Before a third beginning without odometry, then doubled each time: a worker that always ends must not take the
 processor from the drive."""
 
 
@@ -44,13 +42,14 @@ class MatchingProcess(Tracker):
         self._vehicle_from_sensor, self._waits = vehicle_from_sensor, waits
         self._last_s = self._broken_off_s = -math.inf
         self._is_ready = self._is_asked = False
-        self._pause_s = PAUSE_S
+        self._process: subprocess.Popen[bytes] | None = None
+        self._pause_s = 0.0
         self._begin_process()
 
     @property
-    def pid(self) -> int:
+    def pid(self) -> int | None:
         """Of the process that matches now."""
-        return self._process.pid
+        return None if self._process is None else self._process.pid
 
     def begin(self, frame: LidarFrame) -> None:
         """Hand the sweep over; the matching goes on while the caller does something else."""
@@ -74,13 +73,15 @@ class MatchingProcess(Tracker):
         message = self._answer() if self._is_asked else None
         odom_from_vehicle = None if message is None else matrix_of(message)
         if odom_from_vehicle is not None:
-            self._last_s, self._pause_s = frame.stamp_s, PAUSE_S
+            self._last_s, self._pause_s = frame.stamp_s, 0.0
         return odom_from_vehicle
 
     def close(self) -> None:
         """End the process."""
-        self._process.kill()
-        self._process.wait()
+        if self._process is not None:
+            self._process.kill()
+            self._process.wait()
+            self._process = None
         self._peer.close()
 
     def _answer(self) -> bytearray | None:
@@ -99,10 +100,10 @@ class MatchingProcess(Tracker):
 
     def _has_got_ready(self) -> bool:
         """Whether it may be asked now; begins it anew if it has ended."""
-        if self._peer.fileno() == -1 and time.monotonic() - self._begun_s > self._pause_s:
-            self._pause_s = min(2 * self._pause_s, LONGEST_PAUSE_S)
+        if self._process is None and time.monotonic() - self._begun_s > self._pause_s:
+            self._pause_s = min(max(2 * self._pause_s, PAUSE_S), LONGEST_PAUSE_S)
             self._begin_process()
-        if not self._is_ready and self._peer.fileno() != -1:
+        if self._process is not None and not self._is_ready:
             self._hear_whether_ready()
         return self._is_ready
 
@@ -119,13 +120,16 @@ class MatchingProcess(Tracker):
         self._peer.settimeout(ANSWERS_WITHIN_S)
         # Linear algebra on (4, 4) needs no threads, and theirs wait by turning in circles.
         environment = os.environ | {"PYTHONPATH": os.pathsep.join(filter(None, sys.path)), "OPENBLAS_NUM_THREADS": "1"}
-        with theirs:
-            self._process = subprocess.Popen(  # noqa: S603  # ourselves
-                [sys.executable, "-P", "-m", "vehicle_client.positioning.matching_worker", str(theirs.fileno())],
-                pass_fds=[theirs.fileno()],
-                env=environment,
-                stdin=subprocess.DEVNULL,
-                stdout=subprocess.DEVNULL,
-                start_new_session=True,
-            )
-        send(self._peer, matrix_bytes(np.asarray(self._vehicle_from_sensor)))
+        try:
+            with theirs:
+                self._process = subprocess.Popen(  # noqa: S603  # ourselves
+                    [sys.executable, "-P", "-m", "vehicle_client.positioning.matching_worker", str(theirs.fileno())],
+                    pass_fds=[theirs.fileno()],
+                    env=environment,
+                    stdin=subprocess.DEVNULL,
+                    stdout=subprocess.DEVNULL,
+                    start_new_session=True,
+                )
+            send(self._peer, matrix_bytes(self._vehicle_from_sensor))
+        except OSError as error:
+            self._break_off(error)

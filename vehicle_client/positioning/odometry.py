@@ -23,6 +23,9 @@ COASTS_S = 0.5
 VOXEL_M = 1.0
 """The map that sweeps are matched to: KISS-ICP's own default, a hundredth of its range."""
 
+REACH_M = 100.0
+"""What is farther is not matched: KISS-ICP's own default."""
+
 LEAST_POINTS = 100
 """Fewer points hold no shape to match."""
 
@@ -167,8 +170,7 @@ class ScanMatching(Tracker):
         """
         if not is_gap(self._broken_off_s, frame.stamp_s) or frame.points_m.ndim != 2 or frame.points_m.shape[1] != 3:
             return None
-        points = self._at_stamp(frame)
-        points = self._worth_matching(points[np.isfinite(points).all(axis=1)])
+        points = self._worth_matching(self._at_stamp(frame))
         if len(points) < LEAST_POINTS:
             return None
         if self._stamps_s and is_gap(self._stamps_s[-1], frame.stamp_s):
@@ -196,8 +198,14 @@ class ScanMatching(Tracker):
 
     def _worth_matching(self, points_m: NDArray[np.float32]) -> NDArray[np.float32]:
         to_up = self._vehicle_from_sensor[2].astype(np.float32)
-        above = points_m @ to_up[:3] + to_up[3] > GROUND_BELOW_M
-        return np.concatenate([_thinned(points_m[above], MOST_ABOVE), _thinned(points_m[~above], MOST_GROUND)])
+        with np.errstate(invalid="ignore", over="ignore"):
+            height_m = points_m @ to_up[:3] + to_up[3]
+        # Of a point with any value that is not finite the height is not, either.
+        above, below = (height_m > GROUND_BELOW_M) & np.isfinite(height_m), height_m <= GROUND_BELOW_M
+        chosen = np.concatenate([_thinned(points_m[above], MOST_ABOVE), _thinned(points_m[below], MOST_GROUND)])
+        with np.errstate(over="ignore"):
+            near = np.square(chosen) @ np.ones(3, dtype=np.float32) < REACH_M**2
+        return chosen[near]
 
     def _at_stamp(self, frame: LidarFrame) -> NDArray[np.float32]:
         twist = self._twist()
@@ -217,6 +225,7 @@ def _matcher() -> Any:
 
     config = KISSConfig()
     config.mapping.voxel_size = VOXEL_M
+    config.data.max_range = REACH_M
     config.data.deskew = False
     config.registration.convergence_criterion = CONVERGED
     config.registration.max_num_threads = 1

@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from kiss_icp.kiss_icp import KissICP
 
 from tests.unit.vehicle_client.making import NOON_S, planar
 from vehicle_client.frames import Matrix, apply, inverse, rigid, yaw_of
 from vehicle_client.positioning.odometry import COASTS_S, DeadReckoning, Given, ScanMatching, Wheels, tracker_for
+from vehicle_client.positioning.odometry_history import ODOMETRY_GAP_S
 from vehicle_client.sensing.calibration import curvature_of
 from vehicle_client.sensing.deskew import Twist, deskew
 from vehicle_client.sources.frame import LidarFrame, Motion
@@ -145,3 +148,40 @@ def test_a_sweep_without_points_has_no_odometry_and_spoils_none_after_it() -> No
         assert matcher.odom_from_vehicle(LidarFrame(NOON_S + k / 10 + 0.06, nan)) is None
     assert found is not None
     assert found[0, 3] == pytest.approx(1.0, abs=0.1)
+
+
+def driven(matcher: ScanMatching, indices: Iterable[int], speed_mps: float) -> list[Matrix | None]:
+    """Poses along a straight drive, ten sweeps a second, of which those with these numbers came."""
+    things, found = yard(), []
+    for index in indices:
+        in_car = apply(planar(-speed_mps * index / 10, 0, 0.0), things).astype(np.float32)
+        found.append(matcher.odom_from_vehicle(LidarFrame(NOON_S + index / 10, in_car)))
+    return found
+
+
+def test_where_sweeps_were_left_out_the_car_is_expected_farther_on() -> None:
+    """Six sweeps at 8 m/s, 0.8 m apart, then each fourth: 3.2 m."""
+    found = driven(ScanMatching(np.eye(4)), [*range(6), 9, 13, 17], 8.0)
+    places = [pose[0, 3] for pose in found if pose is not None]
+    assert np.diff(places[5:]) == pytest.approx([3.2, 3.2, 3.2], abs=0.15)
+
+
+def test_after_a_gap_in_time_odometry_begins_anew() -> None:
+    found = driven(ScanMatching(np.eye(4)), [0, 1, 2, 30, 31, 32], 5.0)
+    assert found[3] == pytest.approx(np.eye(4), abs=1e-6)
+    assert found[5] is not None
+    assert found[5][0, 3] == pytest.approx(1.0, abs=0.1)
+
+
+def test_a_match_that_is_no_number_is_silence_and_then_a_beginning(monkeypatch: pytest.MonkeyPatch) -> None:
+    class Torn(KissICP):
+        def register_frame(self, frame: np.ndarray, timestamps: np.ndarray) -> None:
+            super().register_frame(frame, timestamps)
+            if np.linalg.norm(self.last_pose[:3, 3]) > 0.9:
+                self.last_pose = np.full((4, 4), np.nan)
+
+    monkeypatch.setattr("kiss_icp.kiss_icp.KissICP", Torn)
+    found = driven(ScanMatching(np.eye(4)), range(20), 5.0)
+    silent = [index for index, pose in enumerate(found) if pose is None]
+    assert silent == list(range(2, 3 + int(10 * ODOMETRY_GAP_S)))
+    assert found[18] == pytest.approx(np.eye(4), abs=1e-6)
