@@ -32,18 +32,24 @@ _NEW_SHARE = 0.1
 
 @dataclass(frozen=True, slots=True)
 class Form:
-    """What the requests look like: reports in each, detections in each report, points in each detection."""
+    """What the requests look like: reports in each, detections in each report, points in each detection.
+
+    They come over so many connections, each of which waits for its answer.
+    """
 
     name: str
     reports: int
     detections: int
     points: int
+    connections: int
 
 
+# As many reports wait as at 64 vehicles, and as at a server that is offered all it can take: ten times as many.
 FORMS = (
-    Form("1 report of 1 detection", 1, 1, 0),
-    Form(f"1 report of 2 detections with {MAX_POINTS} points", 1, 2, MAX_POINTS),
-    Form("20 reports of 1 detection", 20, 1, 0),
+    Form("1 report of 1 detection", 1, 1, 0, 64),
+    Form(f"1 report of 2 detections with {MAX_POINTS} points", 1, 2, MAX_POINTS, 64),
+    Form("20 reports of 1 detection", 20, 1, 0, 4),
+    Form("20 reports of 1 detection", 20, 1, 0, 32),
 )
 
 

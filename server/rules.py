@@ -5,7 +5,6 @@ The paper's section on storage and communication, made exact: plausible, known, 
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, replace
 from datetime import datetime
 from enum import StrEnum
@@ -15,7 +14,7 @@ from uuid import UUID
 
 from contract.geometry import Kind
 from contract.observation import DecisionKind, Detection, Inspection, ObservationReport, Outcome, State
-from server.geometry.geodesy import distance_m, east_north_m
+from server.geometry.geodesy import distance_m, is_within
 from server.geometry.quadkey import cell_of, shard_of_cell
 from server.geometry.symmetric import greatest_sd_m
 from server.life import change, evidence, matching, merging, shaping
@@ -285,8 +284,7 @@ class _Reading:
         place = fused_place(obstacle.place, self._report.message.origin, detection, policy)
         if obstacle.place.variances_m2 > policy.well_known_sd_m**2:
             return {"place": place, "born_at": place.position}
-        # Within the plane of a few metres this is the geodesic, a tenth as dear.
-        if math.hypot(*east_north_m(place.position, obstacle.born_at)) > policy.greatest_drift_m:
+        if not is_within(place.position, obstacle.born_at, policy.greatest_drift_m):
             return {}
         return {"place": place}
 
@@ -374,7 +372,8 @@ def _revised(before: Obstacle, after: Obstacle) -> Obstacle:
 
 
 _UNSERVED = {"evidence", "references", "pending", "absent_since", "kind_votes", "distinct_from"}
-_served = attrgetter(*(name for name in Obstacle._fields if name not in _UNSERVED))
+# Sightings first: they nearly always differ, and at a glance.
+_served = attrgetter("sightings", *(name for name in Obstacle._fields if name not in _UNSERVED))
 
 
 def _distrusted(message: ObservationReport) -> list[Decision]:

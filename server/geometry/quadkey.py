@@ -26,6 +26,8 @@ _SIDE = 1 << CELL_ZOOM
 _COVER_SIDE, _COVER_BITS = 4, 2
 # Columns and rows of tiles, whose bits are spread on the way of every query.
 _REMEMBERED = 1 << 15
+# Vehicles report from the same streets; a cover takes half a kilobyte.
+_REMEMBERED_COVERS = 1 << 13
 
 
 def cell_of(position: LatLon) -> int:
@@ -92,39 +94,40 @@ class Window(NamedTuple):
 
     def tiles(self) -> tuple[int, ...]:
         """Ascending Morton codes of the tiles of zoom 14 that the window touches."""
-        return tuple(self._codes(CELL_ZOOM - TILE_ZOOM))
+        return _codes(*self._coarse(CELL_ZOOM - TILE_ZOOM))
 
     def cover(self) -> Ranges:
         """The ranges of cells of the finest zoom at which the window is at most 4 x 4 tiles."""
         dropped = max(0, max(self.east - self.west, self.bottom - self.top).bit_length() - _COVER_BITS)
         while not self._fits(dropped):
             dropped += 1
-        codes = self._codes(dropped)
-        ranges: list[tuple[int, int]] = []
-        first = last = codes[0]
-        for code in codes[1:]:
-            if code != last + 1:
-                ranges.append((first << 2 * dropped, ((last + 1) << 2 * dropped) - 1))
-                first = code
-            last = code
-        ranges.append((first << 2 * dropped, ((last + 1) << 2 * dropped) - 1))
-        return tuple(ranges)
+        return _ranges(*self._coarse(dropped))
 
     def _fits(self, dropped: int) -> bool:
         """Whether a cover is small enough whose columns and rows lack that many bits."""
         columns = (self.east >> dropped) - (self.west >> dropped)
         return columns < _COVER_SIDE and (self.bottom >> dropped) - (self.top >> dropped) < _COVER_SIDE
 
-    def _codes(self, dropped: int) -> list[int]:
-        """Ascending Morton codes of all tiles whose columns and rows lack that many bits."""
-        side = 1 << (CELL_ZOOM - dropped)
-        west = self.west >> dropped
-        east = min(self.east >> dropped, west + side - 1)
-        top, bottom = self.top >> dropped, self.bottom >> dropped
-        if west == east and top == bottom:
-            return [_spread(west % side) | _spread(top) << 1]
-        rows = [_spread(row) << 1 for row in range(top, bottom + 1)]
-        return sorted({_spread(column % side) | row for column in range(west, east + 1) for row in rows})
+    def _coarse(self, dropped: int) -> tuple[int, int, int, int, int]:
+        """That many bits, and the window without them."""
+        return dropped, self.west >> dropped, self.east >> dropped, self.top >> dropped, self.bottom >> dropped
+
+
+@lru_cache(maxsize=_REMEMBERED_COVERS)
+def _ranges(dropped: int, west: int, east: int, top: int, bottom: int) -> Ranges:
+    """The cells of the tiles of `_codes`."""
+    return merged(
+        (code << 2 * dropped, ((code + 1) << 2 * dropped) - 1) for code in _codes(dropped, west, east, top, bottom)
+    )
+
+
+@lru_cache(maxsize=_REMEMBERED_COVERS)
+def _codes(dropped: int, west: int, east: int, top: int, bottom: int) -> tuple[int, ...]:
+    """Ascending Morton codes of all tiles whose columns and rows lack that many bits."""
+    side = 1 << (CELL_ZOOM - dropped)
+    rows = [_spread(row) << 1 for row in range(top, bottom + 1)]
+    columns = range(west, min(east, west + side - 1) + 1)
+    return tuple(sorted({_spread(column % side) | row for column in columns for row in rows}))
 
 
 def window(centre: LatLon, radius_m: float) -> Window:

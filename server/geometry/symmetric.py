@@ -43,9 +43,10 @@ class Symmetric(NamedTuple):
 
     def floored(self, least: float) -> Symmetric:
         """The same axes with no eigenvalue below `least`."""
-        low, high = self.eigenvalues()
-        if low >= least:
+        above_x, above_y = self.xx - least, self.yy - least
+        if above_x >= 0 and above_y >= 0 and above_x * above_y >= self.xy * self.xy:
             return self
+        low, high = self.eigenvalues()
         if high <= least:
             return Symmetric(least, 0.0, least)
         # The projector on the larger eigenvalue's axis is (M - low 1) / (high - low).
@@ -67,4 +68,5 @@ def covariance_of(matrix: Symmetric) -> PlaneCovariance:
 
 def greatest_sd_m(covariance: PlaneCovariance) -> float:
     """Standard deviation (m) along the axis in which a covariance is widest."""
-    return math.sqrt(max(0.0, matrix_m2(covariance).eigenvalues()[1]))
+    east_m2, north_m2 = covariance.east_m2, covariance.north_m2
+    return math.sqrt((east_m2 + north_m2) / 2 + math.hypot((east_m2 - north_m2) / 2, covariance.east_north_m2))

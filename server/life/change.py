@@ -52,10 +52,11 @@ def judge(measured: Size, references: tuple[Size, ...], pending: Size | None, po
     reference = next((size for size in references if size.view == measured.view), None)
     if reference is None:
         return Verdict("first-in-this-view", (*references, measured), pending)
-    if at_once := changes(reference, measured, policy.at_once_sds, policy):
-        return Verdict(at_once[0], references, None, measured)
+    # What no noise excuses goes first: within all limits, as nearly always, nothing exceeds them by any noise.
     if not changes(reference, measured, 0.0, policy):
         return Verdict("within-limits", _folded(references, reference, measured, policy), None)
+    if at_once := changes(reference, measured, policy.at_once_sds, policy):
+        return Verdict(at_once[0], references, None, measured)
     if pending is None or pending.view != measured.view:
         return Verdict("change-unconfirmed", references, measured)
     both = fused(pending, measured)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
+from bisect import bisect_left
 from datetime import datetime
 
 from server.life.obstacle import Obstacle, Witness
@@ -15,20 +15,26 @@ _REMEMBERED_PASSES = 16
 
 def witness_of(obstacle: Obstacle, name: str) -> Witness:
     """The evidence of a witness, empty if it has none."""
-    return next((witness for witness in obstacle.evidence if witness.name == name), Witness(name))
+    for witness in obstacle.evidence:
+        if witness.name == name:
+            return witness
+    return Witness(name)
 
 
 def is_same_pass(witness: Witness, at: datetime, times: Times) -> bool:
     """Whether the witness has already seen the obstacle in this pass."""
-    return any(abs(at - seen_at) < times.one_pass for seen_at in witness.seen_at)
+    later = bisect_left(witness.seen_at, at)
+    return any(abs(at - seen_at) < times.one_pass for seen_at in witness.seen_at[max(0, later - 1) : later + 1])
 
 
 def with_sighting(witness: Witness, at: datetime, times: Times) -> Witness:
     """The witness after a sighting; within a pass the pass's moment moves on, so that a parked car counts once."""
-    passes = [max(seen_at, at) if abs(at - seen_at) < times.one_pass else seen_at for seen_at in witness.seen_at]
-    if passes == list(witness.seen_at) and at not in passes:
-        passes.append(at)
-    return replace(witness, seen_at=tuple(sorted(set(passes)))[-_REMEMBERED_PASSES:])
+    passes = set(witness.seen_at)
+    if is_same_pass(witness, at, times):
+        passes = {max(seen_at, at) if abs(at - seen_at) < times.one_pass else seen_at for seen_at in witness.seen_at}
+    if passes == set(witness.seen_at):
+        passes.add(at)
+    return Witness(witness.name, tuple(sorted(passes)[-_REMEMBERED_PASSES:]), witness.absent_at)
 
 
 def with_witness(obstacle: Obstacle, witness: Witness) -> tuple[Witness, ...]:

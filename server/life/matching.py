@@ -101,7 +101,7 @@ def _match_alone(
     origin = report.origin
     pose_m2 = matrix_m2(origin.covariance).widened(_LEAST_VARIANCE_M2)
     known_m2 = pose_m2.plus(matrix_m2(detection.covariance))
-    best_cost, best = math.inf, Matches(_NO_SHIFT, {})
+    inside: list[tuple[float, int, EastNorth]] = []
     for index, obstacle in enumerate(obstacles):
         if not _may_match(report, detection, obstacle, policy):
             continue
@@ -109,13 +109,17 @@ def _match_alone(
         east_m, north_m = detection.east_m - stored.east_m, detection.north_m - stored.north_m
         information = known_m2.plus(stored_covariance_m2(obstacle.place, policy)).inverse()
         chi_square = information.square(east_m, north_m)
-        if chi_square > policy.gate_chi_square:
-            continue
-        cost = chi_square + _shape_cost(detection, obstacle, policy)
-        if cost < best_cost:
-            shift_m = EastNorth(*pose_m2.times(*information.times(east_m, north_m)))
-            best_cost, best = cost, Matches(shift_m, {0: index})
-    return best
+        if chi_square <= policy.gate_chi_square:
+            inside.append((chi_square, index, EastNorth(*pose_m2.times(*information.times(east_m, north_m)))))
+    if not inside:
+        return Matches(_NO_SHIFT, {})
+    # Shapes decide between obstacles; alone, as nearly always, it is the one whatever its shape.
+    _, index, shift_m = (
+        inside[0]
+        if len(inside) == 1
+        else min(inside, key=lambda pair: pair[0] + _shape_cost(detection, obstacles[pair[1]], policy))
+    )
+    return Matches(shift_m, {0: index})
 
 
 def _may_match(report: ObservationReport, detection: Detection, obstacle: Obstacle, policy: Matching) -> bool:

@@ -24,6 +24,8 @@ _MOST_NEIGHBOURS = 32
 
 def told_apart(seen: Sequence[Obstacle], policy: Matching) -> dict[UUID, Obstacle]:
     """Obstacles that one vehicle saw side by side, each knowing the others near it; only those that learned."""
+    if len(seen) < 2:  # a pair
+        return {}
     near: dict[UUID, set[UUID]] = {}
     for a, b in combinations(seen, 2):
         if _apart_m(a, b) <= policy.merging_reach_m:

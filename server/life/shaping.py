@@ -30,7 +30,8 @@ def changed(obstacle: Obstacle, detection: Detection, observed_at: datetime, siz
 def kept(obstacle: Obstacle, references: tuple[Size, ...], pending: Size | None) -> Obstacle:
     """The obstacle with other references and the mean box of the view it is known best from: no new version."""
     best = min(references, key=lambda size: size.sd.ln_area)
-    shape = replace(obstacle.shape, box=best.box, box_sd=best.sd)
+    seen = obstacle.shape
+    shape = Shape(best.box, best.sd, seen.volume_m3, seen.descriptor, seen.points_cm, seen.observed_at)
     return obstacle._replace(shape=shape, references=references, pending=pending)
 
 
