@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 import os
-import signal
 import time
 from collections.abc import Iterator, Sequence
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from itertools import chain, islice
 from pathlib import Path
 from secrets import token_hex
-from types import FrameType
 
 import numpy as np
 from rich.console import Console
@@ -21,6 +19,7 @@ from contract.geometry import LatLon
 from contract.observation import ObservationReport, ReportResult
 from detector.pipeline import estimate_sensor_height
 from detector.types import DetectorError
+from headsup.ending import EndedEarly, Ending
 from vehicle_client.area import Heard
 from vehicle_client.drive import Step, Vehicle
 from vehicle_client.frames import GeoOrigin, rigid
@@ -119,14 +118,20 @@ class NobodyLink:
 
 
 def run(asked: Asked) -> Outcome:
-    """Make the drive. Raises `DriveError` or `OSError`."""
+    """Make the drive. Raises `DriveError` or `OSError`.
+
+    Told to end before it has begun, also while nobody knows how high the sensor is, it has come to nothing.
+    """
     try:
-        return _run(asked)
+        with Ending() as ending:
+            return _run(asked, ending)
+    except EndedEarly:
+        return Outcome(asked, Totals(), skipped=0, dropped=0, stalls=0, link=None, recording_stopped=None)
     except (SourceError, CalibrationError, RecordingError, OutboxError, UnusableError, ZoneError) as error:
         raise DriveError(str(error)) from error
 
 
-def _run(asked: Asked) -> Outcome:
+def _run(asked: Asked, ending: Ending) -> Outcome:
     source = open_source(asked.source, SourceOptions(asked.rate_hz, ego=asked.ego, topics=_topics(asked.topics)))
     frames: Iterator[LidarFrame] = iter(source)
     if asked.as_if_now:
@@ -153,7 +158,7 @@ def _run(asked: Asked) -> Outcome:
         paced = stack.enter_context(
             Paced[Known](frames, preparing, realtime=asked.is_realtime, is_recorded=not asked.is_live)
         )
-        stack.enter_context(_ended_by_signals(paced))
+        ending.calls(paced.stop)
         last = drive_along(paced, vehicle, totals, listeners)
         if store is not None and last is not None:
             store.save(vehicle.known, last.frame.stamp_s)
@@ -266,21 +271,3 @@ def _progress(stack: ExitStack, source: CountingSource) -> Listener:
         bar.update(task, advance=1, description="driving" if step.reason is None else f"driving ({step.reason})")
 
     return show
-
-
-@contextmanager
-def _ended_by_signals(paced: Paced[Known]) -> Iterator[None]:
-    """The first Ctrl-C or SIGTERM ends the drive in order, a second one at once."""
-    before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
-
-    def end(number: int, frame: FrameType | None) -> None:
-        signal.signal(number, signal.default_int_handler)
-        paced.stop()
-
-    for number in before:
-        signal.signal(number, end)
-    try:
-        yield
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)

@@ -202,7 +202,9 @@ class ScanMatching(Tracker):
             height_m = points_m @ to_up[:3] + to_up[3]
         # Of a point with any value that is not finite the height is not, either.
         above, below = (height_m > GROUND_BELOW_M) & np.isfinite(height_m), height_m <= GROUND_BELOW_M
-        chosen = np.concatenate([_thinned(points_m[above], MOST_ABOVE), _thinned(points_m[below], MOST_GROUND)])
+        chosen: NDArray[np.float32] = np.concatenate(
+            [_thinned(points_m[above], MOST_ABOVE), _thinned(points_m[below], MOST_GROUND)]
+        )
         with np.errstate(over="ignore"):
             near = np.square(chosen) @ np.ones(3, dtype=np.float32) < REACH_M**2
         return chosen[near]
