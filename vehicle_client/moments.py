@@ -16,7 +16,7 @@ import numpy as np
 
 from contract.geometry import Sign
 from contract.obstacle import ObstacleFeature
-from detector.types import DetectedObstacle
+from detector.types import DetectedObstacle, ObstacleKind
 from vehicle_client.alignment import Alignment
 from vehicle_client.frames import Matrix, apply, inverse
 from vehicle_client.positioning.pose import Pose
@@ -47,6 +47,12 @@ MOVED_M, MOVED_SDS = 0.3, 3.0
 
 KNOWN_M = 4.0
 """A track and a mapped obstacle of one sign nearer than this are one: 3 sigma of two satellite positions."""
+
+POST_BESIDE_M = 1.75
+"""Half a lane of 3.5 m: what stands farther beside the car's course is not in the way of whoever follows it."""
+
+POST_HEIGHT_M, POST_SLENDERNESS = 0.4, 1.5
+"""Bollards and marker posts are half a metre to a metre high and 0.1 to 0.3 m thick; what falls off a lorry lies."""
 
 
 class Moment(Enum):
@@ -112,11 +118,21 @@ def known_tracks(
 
 
 def is_to_be_told(due: Due, measured: DetectedObstacle) -> bool:
-    """Whether a measurement says something that was not told in this pass."""
+    """Whether a measurement is of an obstacle for others, and says something that was not told in this pass."""
+    if is_post_beside_the_lane(due.track, measured):
+        return False
     told = due.track.told
     if told is None:
         return due.moment is not Moment.APPROACH or measured.ln_area_sd <= GOOD_LN_AREA_SD
     return has_changed(told, measured)
+
+
+def is_post_beside_the_lane(track: Track, measured: DetectedObstacle) -> bool:
+    """Whether it stands upright and slender beside the lane, as bollards do where a road has no kerb."""
+    if measured.kind is not ObstacleKind.DEBRIS or track.beside_m < POST_BESIDE_M:
+        return False
+    thickness_m = math.sqrt(measured.length_m * measured.width_m)
+    return measured.relief_m >= max(POST_HEIGHT_M, POST_SLENDERNESS * thickness_m)
 
 
 def has_changed(told: DetectedObstacle, measured: DetectedObstacle) -> bool:

@@ -47,6 +47,8 @@ class Track:
     """The first centres (2,), as they were detected."""
     latest_m: tuple[Vector, ...]
     """The latest ones."""
+    beside_m: float = 0.0
+    """How far to the side of the car it lay when the car came by; until then, as it lies now."""
     was_approached: bool = False
     """Whether it was measured as it was about to be passed."""
     was_passed: bool = False
@@ -91,7 +93,7 @@ class Tracks:
 
 def update(state: Tracks, detected: Sequence[DetectedObstacle], odom_from_sensor: Matrix, stamp_s: float) -> Tracks:
     """Join the detections of one frame (in `sensor`) to the nearest tracks of the same sign, one to one."""
-    tracks = {track.track_id: track for track in state.tracks}
+    tracks = {track.track_id: _passed_by(track, odom_from_sensor) for track in state.tracks}
     next_id = state.next_id
     centres = [apply(odom_from_sensor, obstacle.centre_m) for obstacle in detected]
     free, waiting = set(range(len(detected))), set(tracks)
@@ -137,6 +139,7 @@ def _begun(
         last_stamp_s=stamp_s,
         first_m=(centre[:2],),
         latest_m=(centre[:2],),
+        beside_m=abs(float(obstacle.centre_m[1])),
     )
 
 
@@ -157,6 +160,13 @@ def _joined(
         first_m=(*track.first_m, centre[:2])[:AVERAGED],
         latest_m=(*track.latest_m, centre[:2])[-AVERAGED:],
     )
+
+
+def _passed_by(track: Track, odom_from_sensor: Matrix) -> Track:
+    if _ahead_m(track.centre_odom_m, odom_from_sensor) < 0:
+        return track
+    to_left_m = float((track.centre_odom_m - odom_from_sensor[:3, 3]) @ odom_from_sensor[:3, 1])
+    return replace(track, beside_m=abs(to_left_m))
 
 
 def _yaw_in_odom(obstacle: DetectedObstacle, odom_from_sensor: Matrix) -> float:

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from detector.accumulator import PlaceHits
+from detector.accumulator import RESIDUAL_BAND_M, PlaceHits
 from detector.shape import jackknife_covariance, measure, views
 from detector.types import DetectedObstacle, ObstacleKind
 from tests.unit.detector.passes import FRONT_ONLY, hits_of_pass
@@ -53,6 +55,16 @@ def test_a_hole_seen_from_the_front_only_says_so_and_is_less_sure() -> None:
     assert (front.view_front, front.view_rear) == (True, False)
     assert front.ln_area_sd >= 0.03 > both.ln_area_sd >= 0.018
     assert front.length_m * front.width_m == pytest.approx(0.63, rel=0.15)
+
+
+def test_what_goes_on_above_the_band_that_hits_are_kept_of_is_no_obstacle_of_the_road() -> None:
+    """A parked lorry's corner; a box that ends below is one."""
+    for height_m, is_one in ((0.3, True), (0.5, True), (0.75, False), (2.0, False)):
+        hits = hits_of_pass(Street(blocks=(Block(0.0, 0.5, 1.2, 0.8, height_m),)), 0.0, 0.5, -1.5, 2)
+        road_m = np.percentile(hits.points_m[:, 2], 10)
+        kept = hits.points_m[:, 2] < road_m + RESIDUAL_BAND_M[1]
+        cut = replace(hits, points_m=hits.points_m[kept], frame=hits.frame[kept])
+        assert (measure(cut, is_negative=False) is not None) is is_one
 
 
 @pytest.mark.parametrize("stretch", [(-14.0, 14.0), FRONT_ONLY])

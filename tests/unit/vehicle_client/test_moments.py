@@ -71,6 +71,37 @@ def test_what_was_hardly_seen_from_the_front_waits_until_it_was_passed() -> None
     assert is_to_be_told(later, vague)
 
 
+def thing(
+    length_m: float, width_m: float, height_m: float, kind: ObstacleKind = ObstacleKind.DEBRIS
+) -> DetectedObstacle:
+    return replace(seen(kind=kind, length_m=length_m, width_m=width_m), relief_m=height_m)
+
+
+@pytest.mark.parametrize("size_m", [(0.24, 0.21, 0.50), (0.32, 0.22, 0.51), (0.37, 0.21, 0.51)])
+def test_a_bollard_beside_the_lane_is_told_to_nobody_and_in_the_lane_it_is(size_m: tuple[float, float, float]) -> None:
+    """Three of a row along a recorded drive."""
+    beside, ahead = (replace(track_at(5, y, kind=ObstacleKind.DEBRIS), beside_m=y) for y in (2.2, 0.5))
+    for moment in Moment:
+        assert not is_to_be_told(Due(beside, moment), thing(*size_m))
+        assert is_to_be_told(Due(ahead, moment), thing(*size_m))
+
+
+@pytest.mark.parametrize(
+    "lying",
+    [
+        thing(0.6, 0.6, 0.25),
+        thing(0.5, 0.4, 0.35),
+        thing(1.2, 0.8, 0.5),
+        thing(0.2, 0.15, 0.3),
+        thing(0.3, 0.2, 0.5, ObstacleKind.BUMP),
+        thing(0.3, 0.2, 0.5, ObstacleKind.POTHOLE),
+    ],
+)
+def test_what_lies_in_the_neighbouring_lane_is_told(lying: DetectedObstacle) -> None:
+    neighbour = replace(track_at(5, 3.5, kind=lying.kind), beside_m=3.5)
+    assert is_to_be_told(Due(neighbour, Moment.PASSED), lying)
+
+
 def test_tracks_are_due_once_they_are_believed_and_near_or_passed() -> None:
     tracks = (
         track_at(-PASSED_M - 0.1, 0, 1),

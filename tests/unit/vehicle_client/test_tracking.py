@@ -75,6 +75,17 @@ def test_the_kind_is_what_most_frames_took_it_for(kinds: list[ObstacleKind], vot
     assert track.kind is voted
 
 
+@pytest.mark.parametrize("y_m", [-3.0, 0.4, 2.5])
+def test_a_track_knows_how_far_beside_the_car_it_was_passed_however_the_car_turns_afterwards(y_m: float) -> None:
+    tracks = Tracks()
+    for number in range(20):
+        odom_from_sensor = planar(number, 0.0, 0.0 if number <= 10 else 0.1 * (number - 10), 1.7)
+        place = apply(inverse(odom_from_sensor), np.array([10.0, y_m, 0.0]))
+        detected = [seen(place[0], place[1], DEBRIS)] if number in (4, 5, 15) else []
+        tracks = update(tracks, detected, odom_from_sensor, number / 10)
+    assert tracks.tracks[0].beside_m == pytest.approx(abs(y_m), abs=0.05)
+
+
 def test_what_lies_far_behind_is_dropped_and_its_number_is_not_given_again() -> None:
     tracks = update(Tracks(), [seen(10, 0)], np.eye(4), 0.0)
     assert len(update(tracks, [], planar(10 + FORGET_M - 0.1, 0, 0.0), 1.0).tracks) == 1
