@@ -158,6 +158,8 @@ def _run(command: str, asked: Asked, json_file: Path | None) -> None:
             raise DriveError(f"--json: there is no folder {json_file.absolute().parent}")
         if json_file is not None and json_file.is_dir():
             raise DriveError(f"--json: {json_file} is a folder; name a file")
+        if asked.record is not None and not asked.record.absolute().parent.is_dir():
+            raise DriveError(f"{asked.record}: there is no folder {asked.record.absolute().parent}; make it first")
         outcome = run(asked)
         show(outcome)
         if json_file is not None:

@@ -9,6 +9,7 @@ from rich.console import Console
 from rich.table import Table
 
 from headsup.driving import Outcome
+from vehicle_client.link.server_link import LinkStatus
 
 WAYS = {"push": "heard by push", "polling": "heard by polling", "none": "not heard"}
 
@@ -23,7 +24,13 @@ def as_json(outcome: Outcome) -> str:
         "skipped": outcome.skipped,
         "link": None
         if link is None
-        else {"way": link.way, "waiting": link.waiting, "trouble": link.trouble, "fates": dict(link.fates)},
+        else {
+            "way": link.way,
+            "waiting": link.waiting,
+            "trouble": link.trouble,
+            "fates": dict(link.fates),
+            "unreached_s": link.unreached_s,
+        },
         **outcome.totals.as_json(),
     }
     return json.dumps(said, indent=1) + "\n"
@@ -59,9 +66,17 @@ def _lines(outcome: Outcome) -> Iterator[tuple[str, str]]:
     if outcome.asked.is_realtime and p50_ms is not None and p95_ms is not None:
         yield "sweep to alert", f"{p50_ms:.0f} ms (median), {p95_ms:.0f} ms (95th percentile)"
     if outcome.link is not None:
-        yield "server", f"{outcome.link.trouble or WAYS[outcome.link.way]}; {outcome.link.waiting} report(s) wait"
+        yield "server", in_words(outcome.link, outcome.asked.server)
     if outcome.asked.record is not None:
         yield "recording", outcome.recording_stopped or str(outcome.asked.record)
+
+
+def in_words(link: LinkStatus, server: str | None) -> str:
+    """How it went with the server, and what waits."""
+    said = link.trouble or WAYS[link.way]
+    if link.trouble is None and link.unreached_s is not None:
+        said = f"{server} never reached in {link.unreached_s:.0f} s"
+    return f"{said}; {link.waiting} report(s) wait" + (" for the next drive" if link.waiting else "")
 
 
 def _with(total: int, parts: Mapping[str, int]) -> str:

@@ -125,6 +125,10 @@ def test_a_drive_that_is_told_to_end_ends_in_order_with_its_recording_and_its_co
     ("arguments", "message"),
     [
         (("nowhere.bag",), "nowhere.bag: no such file, folder or address"),
+        (
+            ("{bag}", "--record", "/nowhere/at/all/drive.mcap"),
+            "/nowhere/at/all/drive.mcap: there is no folder /nowhere",
+        ),
         (("{bag}", "--topic", "sweep"), "--topic sweep: expected ROLE=TOPIC"),
         (("{bag}", "--calibration", "nowhere.toml"), "nowhere.toml: cannot be read"),
     ],

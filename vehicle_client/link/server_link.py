@@ -36,6 +36,7 @@ class LinkStatus:
 
     `way` is how the server is heard. `trouble` is what somebody has to do something about, in a line. `unwritten` of
     the `waiting` reports are not on disk. `fates` counts what became of reports, over all drives on this outbox.
+    `unreached_s` is for how long nothing at all has come from the server although it was asked; None once it has.
     """
 
     way: str
@@ -43,6 +44,7 @@ class LinkStatus:
     unwritten: int
     trouble: str | None
     fates: Mapping[str, int]
+    unreached_s: float | None
 
 
 class Link(Protocol):
@@ -86,6 +88,9 @@ class ServerLink:
         self._course = Course()
         self._places: OrderedDict[UUID, LatLon] = OrderedDict()
         self._withheld: deque[ReportResult] = deque(maxlen=_REMEMBERED)
+        self._clock = clock
+        self._first_asked_s: float | None = None
+        self._was_reached = False
 
     def __enter__(self) -> ServerLink:
         return self
@@ -106,12 +111,14 @@ class ServerLink:
     def status(self) -> LinkStatus:
         """How it goes."""
         listener = self._listener
+        refusal = self._deliverer.refusal or listener.refusal
         return LinkStatus(
             way="push" if listener.is_pushed else "polling" if listener.is_polling else "none",
             waiting=self._outbox.waiting,
             unwritten=self._outbox.unwritten,
-            trouble=self._deliverer.refusal or listener.refusal or self._outbox.trouble,
+            trouble=refusal or self._outbox.trouble,
             fates=self._outbox.counts,
+            unreached_s=self._unreached_s(refusal),
         )
 
     @property
@@ -131,7 +138,9 @@ class ServerLink:
             return []
         self._course = self._course.after(position)
         was_connected = self.connected
+        self._note_asked()
         heard = self._listener.hear(told, self._course.heading_rad)
+        self._was_reached |= self.connected
         if self.connected and not was_connected:
             self.hurry()
         for message in heard:
@@ -151,11 +160,24 @@ class ServerLink:
     def deliver(self) -> list[ReportResult]:
         """Send one batch of what waits; what became of reports: the server's answers, and what was given up here."""
         withheld = [self._withheld.popleft() for _ in range(len(self._withheld))]
-        return withheld + self._deliverer.deliver()
+        if self._outbox.waiting:
+            self._note_asked()
+        results = self._deliverer.deliver()
+        self._was_reached |= any(result.status is not ReportStatus.REJECTED for result in results)
+        return withheld + results
 
     def hurry(self) -> None:
         """Let the next delivery be due at once, unless the server itself has asked to wait."""
         self._deliverer.hurry()
+
+    def _unreached_s(self, refusal: str | None) -> float | None:
+        if self._first_asked_s is None or self._was_reached or refusal is not None:
+            return None
+        return self._clock() - self._first_asked_s
+
+    def _note_asked(self) -> None:
+        if self._first_asked_s is None:
+            self._first_asked_s = self._clock()
 
     def _remember_places(self, message: Heard) -> None:
         """Where obstacles lie, for inspections that must not leave a quiet zone."""

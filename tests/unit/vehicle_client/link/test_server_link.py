@@ -108,6 +108,24 @@ def test_the_status_says_how_it_goes(path: Path) -> None:
         assert (link.status.waiting, link.status.fates) == (0, {"accepted": 2})
 
 
+def test_a_server_that_was_never_reached_is_told_with_the_time_and_one_that_was_is_not(path: Path) -> None:
+    now_s = [0.0]
+    with server() as (url, _):
+        port = int(url.rsplit(":", 1)[1])
+        with ServerLink(url, None, path, clock=lambda: now_s[0]) as link:
+            link.put(reports(1)[0])
+            assert link.status.unreached_s is None
+            assert link.deliver()
+            now_s[0] = 60.0
+            assert link.status.unreached_s is None
+    with ServerLink(f"http://127.0.0.1:{port}", None, path, clock=lambda: now_s[0]) as link:
+        link.put(reports(1)[0])
+        assert not link.deliver()
+        now_s[0] = 95.0
+        assert link.hear(PATRAS) == []
+        assert (link.status.unreached_s, link.status.waiting, link.status.trouble) == (35.0, 1, None)
+
+
 def test_in_a_quiet_zone_nothing_is_said_and_every_report_still_has_a_fate(path: Path) -> None:
     home = Privacy(zones=(QuietZone(PATRAS, 300.0),))
     with server() as (url, batches), ServerLink(url, None, path, privacy=home) as link:

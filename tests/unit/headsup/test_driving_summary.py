@@ -1,0 +1,26 @@
+"""What the end of a drive says of the server."""
+
+from __future__ import annotations
+
+import pytest
+
+from headsup.driving_summary import in_words
+from vehicle_client.link.server_link import LinkStatus
+
+SERVER = "https://hazards.example"
+
+
+@pytest.mark.parametrize(
+    ("way", "waiting", "trouble", "unreached_s", "said"),
+    [
+        ("push", 0, None, None, "heard by push; 0 report(s) wait"),
+        ("none", 0, None, None, "not heard; 0 report(s) wait"),
+        ("none", 3, None, 41.7, f"{SERVER} never reached in 42 s; 3 report(s) wait for the next drive"),
+        ("none", 3, "401: the key is unknown", None, "401: the key is unknown; 3 report(s) wait for the next drive"),
+        ("none", 3, "no space left on device", 41.7, "no space left on device; 3 report(s) wait for the next drive"),
+    ],
+)
+def test_the_server_s_line_says_what_is_wrong_and_what_waits(
+    way: str, waiting: int, trouble: str | None, unreached_s: float | None, said: str
+) -> None:
+    assert in_words(LinkStatus(way, waiting, 0, trouble, {}, unreached_s), SERVER) == said
