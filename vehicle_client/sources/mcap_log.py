@@ -61,14 +61,15 @@ class McapLogs:
     """Several files one after the other, as ROS 2 splits a bag."""
 
     def __init__(self, paths: Sequence[Path], complaints: Complaints) -> None:
-        self._logs = []
+        self._logs, errors = [], []
         for path in paths:
             try:
                 self._logs.append(McapLog(path, complaints))
             except SourceError as error:
                 complaints.add(str(error))
+                errors.append(str(error))
         if not self._logs:
-            raise SourceError(f"{paths[0].parent}: none of its {len(paths)} MCAP files can be read")
+            raise SourceError(f"{paths[0].parent}: none of its {len(paths)} MCAP files can be read: {errors[0]}")
         self.lever = self._logs[0].lever
         self.others = sorted({other for log in self._logs for other in log.others})
 

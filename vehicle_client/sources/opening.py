@@ -131,7 +131,10 @@ def _open_ros2(folder: Path, asked: SourceOptions) -> CountingSource:
     complaints = Complaints()
     files = sorted(folder.glob("*.mcap"), key=by_numbers)
     if len(files) > 1 and not (folder / "metadata.yaml").is_file():
-        raise SourceError(f"{folder}: holds {len(files)} MCAP files; name one, such as {files[0]}")
+        sound = [file for file in files if _first_bytes(file).startswith(MAGIC)]
+        corrupt = ", ".join(file.name for file in files if file not in sound)
+        said = f"holds {len(files)} MCAP files" + (f", of which corrupt: {corrupt}" if corrupt else "")
+        raise SourceError(f"{folder}: {said}; name one, such as {(sound or files)[0]}")
     if files:
         return LogSource(McapLogs(files, complaints), folder, asked.topics, complaints)
     place = folder
@@ -143,8 +146,7 @@ def _open_ros2(folder: Path, asked: SourceOptions) -> CountingSource:
 
 def _open_file(path: Path, asked: SourceOptions) -> CountingSource:
     complaints = Complaints()
-    with path.open("rb") as file:
-        start = file.read(16)
+    start = _first_bytes(path)
     if start.startswith(MAGIC):
         return LogSource(McapLog(path, complaints), path, asked.topics, complaints)
     if start.startswith(ROSBAG):
@@ -153,4 +155,11 @@ def _open_file(path: Path, asked: SourceOptions) -> CountingSource:
         return LogSource(RosBag(path, 2, complaints), path, asked.topics, complaints)
     if path.name.lower().endswith(tuple(READERS)):
         return CloudFolder(path, asked.rate_hz, asked.start_s)
+    if path.suffix.lower() == ".mcap":
+        raise SourceError(f"{path}: corrupt: it does not begin as an MCAP file; expected {KNOWN}")
     raise SourceError(f"{path}: not a drive; expected {KNOWN}")
+
+
+def _first_bytes(path: Path) -> bytes:
+    with path.open("rb") as file:
+        return file.read(16)

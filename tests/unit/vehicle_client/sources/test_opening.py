@@ -63,6 +63,20 @@ def test_what_is_no_drive_is_refused_with_what_was_expected(tmp_path: Path, name
         open_source(tmp_path / name)
 
 
+def test_a_corrupt_mcap_file_is_named_also_within_a_folder(tmp_path: Path) -> None:
+    write_recording(tmp_path / "run", frames=1, egos=1, names=(LIDAR,))
+    drives = tmp_path / "drives"
+    drives.mkdir()
+    (drives / "a.mcap").write_bytes(b"\0" * 100)
+    with pytest.raises(SourceError, match=r"a\.mcap: corrupt: it does not begin as an MCAP file"):
+        open_source(drives / "a.mcap")
+    with pytest.raises(SourceError, match=r"none of its 1 MCAP files can be read: .*a\.mcap"):
+        open_source(drives)
+    (drives / "b.mcap").write_bytes((tmp_path / "run/ego0.mcap").read_bytes())
+    with pytest.raises(SourceError, match=r"2 MCAP files, of which corrupt: a\.mcap; name one, such as .*b\.mcap$"):
+        open_source(drives)
+
+
 def test_a_folder_of_drives_asks_for_one_of_them(tmp_path: Path) -> None:
     write_odometry(tmp_path / "odometry")
     write_raw(tmp_path / "raw", KARLSRUHE)
