@@ -5,11 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numba import njit
 from scipy.ndimage import binary_dilation
 
 from detector.accumulator import PlaceHits
 from detector.ring_bias import number_rings, ring_offsets
-from detector.robust import MAD_TO_SD, fit_tukey, quadratic_terms, tukey_weight
+from detector.robust import MAD_TO_SD, fit_tukey, quadratic_terms
 from detector.types import FloatArray, IntArray
 
 # Tukey's constant: tight, since a hole's wall must not tilt the road beside it.
@@ -65,10 +66,6 @@ class _Window:
         total = np.bincount(self.cell[chosen], weights=values[chosen], minlength=self.cells**2)
         return total / np.maximum(count, 1), count
 
-    def frames(self) -> list[slice]:
-        """The hits of each frame."""
-        return [slice(a, b) for a, b in zip(self.starts[:-1], self.starts[1:], strict=True)]
-
 
 def usable(hits: PlaceHits) -> PlaceHits:
     """The hits that are finite, from finite places, and in the window."""
@@ -92,14 +89,14 @@ def levelled(hits: PlaceHits) -> Levelled:
     window = _window(hits, points, frame)
     on_road = np.ones(len(points), dtype=bool)
     shift = np.zeros(len(points))
-    shift = _frame_medians(window, window.z_m - _surface(window, shift, on_road))
+    shift = _frame_medians(window.starts, window.z_m - _surface(window, shift, on_road))
     on_road = _road_hits(window, window.z_m - shift - _surface(window, shift, on_road))
     ring = number_rings(from_sensor, hits.centre_odom_m - hits.origins_m[:, :2], window.starts, on_road)
     ring_shift = np.zeros(len(points))
     for _ in range(ROUNDS):
         residual = window.z_m - shift - ring_shift - _surface(window, shift + ring_shift, on_road)
         on_road = _road_hits(window, residual)
-        shift = shift + _frame_planes(window, residual, on_road)
+        shift = shift + _frame_planes(window.starts, window.xy_m, residual, on_road)
         residual = window.z_m - shift - _surface(window, shift + ring_shift, on_road)
         ring_shift = ring_offsets(ring, residual, on_road)
     height = window.z_m - shift - ring_shift - _surface(window, shift + ring_shift, on_road)
@@ -144,28 +141,40 @@ def _surface(window: _Window, shift: FloatArray, on_road: np.ndarray) -> FloatAr
     return np.asarray(quadratic_terms(x, y) @ coefficients)
 
 
-def _frame_medians(window: _Window, residual: FloatArray) -> FloatArray:
+@njit(cache=True, nogil=True)
+def _frame_medians(starts: IntArray, residual: FloatArray) -> FloatArray:
     """The median residual of each hit's frame (N,)."""
     shift = np.zeros(len(residual))
-    for mine in window.frames():
-        if mine.stop - mine.start >= MIN_FRAME_HITS:
-            shift[mine] = np.median(residual[mine])
+    for frame in range(len(starts) - 1):
+        first, last = starts[frame], starts[frame + 1]
+        if last - first >= MIN_FRAME_HITS:
+            shift[first:last] = np.median(residual[first:last])
     return shift
 
 
-def _frame_planes(window: _Window, residual: FloatArray, on_road: np.ndarray) -> FloatArray:
+@njit(cache=True, nogil=True)
+def _frame_planes(starts: IntArray, xy: FloatArray, residual: FloatArray, on_road: np.ndarray) -> FloatArray:
     """The robust ridge plane of each hit's frame, at the hit (N,)."""
-    terms = np.column_stack([np.ones(len(residual)), window.xy_m])
-    ridge = np.diag([0.0, PLANE_RIDGE, PLANE_RIDGE]) + 1e-9 * np.eye(3)
     shift = np.zeros(len(residual))
-    for mine in window.frames():
-        road = on_road[mine]
+    for frame in range(len(starts) - 1):
+        first, last = starts[frame], starts[frame + 1]
+        road = on_road[first:last]
         if road.sum() < MIN_FRAME_HITS:
             continue
-        values, mine_terms = residual[mine][road], terms[mine][road]
-        sd = max(MAD_TO_SD * float(np.median(np.abs(values))), FLOOR_SD_M)
-        weighted = mine_terms * tukey_weight(values, 2.0 * CUTOFF_SD * sd)[:, None]
-        shift[mine] = terms[mine] @ np.linalg.solve(weighted.T @ mine_terms + ridge, weighted.T @ values)
+        sd = max(MAD_TO_SD * np.median(np.abs(residual[first:last][road])), FLOOR_SD_M)
+        normal, right = np.diag(np.array([1e-9, PLANE_RIDGE + 1e-9, PLANE_RIDGE + 1e-9])), np.zeros(3)
+        for i in range(first, last):
+            if not on_road[i]:
+                continue
+            share = max(1.0 - (residual[i] / (2.0 * CUTOFF_SD * sd)) ** 2, 0.0)
+            term = np.array([1.0, xy[i, 0], xy[i, 1]])
+            for j in range(3):
+                right[j] += share * share * term[j] * residual[i]
+                for k in range(3):
+                    normal[j, k] += share * share * term[j] * term[k]
+        plane = np.linalg.solve(normal, right)
+        for i in range(first, last):
+            shift[i] = plane[0] + plane[1] * xy[i, 0] + plane[2] * xy[i, 1]
     return shift
 
 

@@ -38,7 +38,13 @@ def fit_tukey(
 
     `cutoff_sd` is Tukey's constant in standard deviations of the residual, which is not taken below `floor_sd`.
     """
-    coefficients = _solve(terms, values, _rows_times(terms, weight))
+    terms, values = np.ascontiguousarray(terms), np.ascontiguousarray(values)
+    return np.asarray(_fit(terms, values, weight, cutoff_sd, floor_sd), dtype=np.float64)
+
+
+@njit(cache=True, nogil=True)
+def _fit(terms: FloatArray, values: FloatArray, weight: FloatArray, cutoff_sd: float, floor_sd: float) -> FloatArray:
+    coefficients: FloatArray = _solve(terms, values, _rows_times(terms, weight))
     for _ in range(START_ITERATIONS):
         weighted = _weighted_by_deviation(terms, values, terms @ coefficients, weight, floor_sd)
         coefficients = _solve(terms, values, weighted)
@@ -48,11 +54,14 @@ def fit_tukey(
     return coefficients
 
 
+@njit(cache=True, nogil=True)
 def _solve(terms: FloatArray, values: FloatArray, weighted: FloatArray) -> FloatArray:
     """Coefficients (T,) of the least squares whose rows (N, T) are `weighted`."""
     normal = weighted.T @ terms
     # A trace of ridge keeps degenerate layouts (one scan line) solvable.
-    normal.flat[:: len(normal) + 1] += 1e-9 * max(float(np.trace(normal)), 1e-12)
+    ridge = 1e-9 * max(np.trace(normal), 1e-12)
+    for i in range(len(normal)):
+        normal[i, i] += ridge
     return np.asarray(np.linalg.solve(normal, weighted.T @ values), dtype=np.float64)
 
 
