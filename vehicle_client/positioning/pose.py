@@ -121,7 +121,7 @@ class StatedPlace:
 
 @dataclass(frozen=True, slots=True)
 class PoseFilter:
-    """What the fold remembers. `antenna_m` (3,) is the place on the car that fixes are of."""
+    """What the fold remembers. `antenna_m` (3,) is the place on the car that fixes are of which do not say it."""
 
     antenna_m: Vector = field(default_factory=lambda: np.zeros(3))
     stated: StatedPlace | None = None
@@ -176,7 +176,7 @@ def _stamp(fix: GnssFix, frame: LidarFrame) -> float:
 
 def _measured_by_now(state: PoseFilter, frame: LidarFrame) -> tuple[PoseFilter, list[GnssFix]]:
     """The fixes whose moment odometry has reached, in the order of time; later ones wait, impossible ones are left."""
-    known = [*state.waiting, *([frame.gnss] if frame.gnss is not None and _is_finite(frame.gnss) else [])]
+    known = [*state.waiting, *(fix for fix in frame.fixes if _is_finite(fix))]
     due, waiting, off_s = [], [], state.clock_off_s
     for fix in known:
         age_s = frame.stamp_s - _stamp(fix, frame)
@@ -207,7 +207,7 @@ def _with_fix(state: PoseFilter, fix: GnssFix, stamp_s: float) -> PoseFilter:
     if state.estimate is None or state.stated is not None:
         return _begun(replace(state, stated=None), fix, at)
     estimate = car_estimate.anchored(state.estimate)
-    expected = car_estimate.expectation(estimate, fix, at, state.history, state.antenna_m)
+    expected = car_estimate.expectation(estimate, fix, at, state.history, _antenna(state, fix))
     innovation_m, covariance_m2 = pose_filter.innovation(estimate.plane, expected)
     gate, verdict = gate.judges(stamp_s, innovation_m, covariance_m2, fix.sd_m)
     state = replace(state, gate=gate, estimate=estimate)
@@ -223,8 +223,12 @@ def _with_fix(state: PoseFilter, fix: GnssFix, stamp_s: float) -> PoseFilter:
     return _with_the_rest(replace(state, estimate=estimate, last_fix_s=stamp_s), estimate, fix, at)
 
 
+def _antenna(state: PoseFilter, fix: GnssFix) -> Vector:
+    return state.antenna_m if fix.antenna_m is None else np.array(fix.antenna_m)
+
+
 def _with_the_rest(state: PoseFilter, estimate: CarEstimate, fix: GnssFix, at: PlanarPose) -> PoseFilter:
-    estimate = car_estimate.with_altitude(estimate, fix, at, state.history.poses[-1], state.antenna_m)
+    estimate = car_estimate.with_altitude(estimate, fix, at, state.history.poses[-1], _antenna(state, fix))
     yaw = measured_yaw(fix, at, state.history, state.last_yaw_s)
     if yaw is None:
         return replace(state, estimate=estimate)
@@ -243,7 +247,7 @@ def _begun(state: PoseFilter, fix: GnssFix, at: PlanarPose) -> PoseFilter:
     if yaw is None or yaw.sd_rad > LARGEST_YAW_SD_RAD:
         first = state.first if state.first is not None and state.first.is_near(at) else FirstFix(fix, at)
         return replace(state, estimate=None, first=first)
-    begun = car_estimate.begun(fix, at, state.history, yaw, state.antenna_m)
+    begun = car_estimate.begun(fix, at, state.history, yaw, _antenna(state, fix))
     return replace(state, estimate=begun, first=None, last_fix_s=at.stamp_s, last_yaw_s=at.stamp_s)
 
 

@@ -31,6 +31,7 @@ def aligned(frame: LidarFrame, delays: SensorDelays) -> LidarFrame:
     return replace(
         frame,
         gnss=None if frame.gnss is None else _fix_at(frame.gnss, frame.stamp_s, delays.gnss_s),
+        earlier_fixes=tuple(_fix_at(fix, frame.stamp_s, delays.gnss_s) for fix in frame.earlier_fixes),
         image=frame.image if fresh else None,
         image_stamp_s=image_stamp_s if fresh and frame.image is not None else None,
         motions=tuple(_motion_at(motion, delays.motion_s) for motion in frame.motions),

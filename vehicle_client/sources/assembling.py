@@ -30,6 +30,9 @@ ODOMETRY_WITHIN_S = 0.25
 BASE_S = 0.05
 """A motion is carried on from poses so far apart: nearer ones would make their noise many times larger."""
 
+MOST_FIXES = 100
+"""Kept between two sweeps: 4 s of the fastest receiver."""
+
 MOST_POSES = 100
 """Of the fastest odometry half a second."""
 
@@ -41,8 +44,8 @@ SPEED_WITHIN_S = 1.0
 class Assembler:
     """Joins readings into frames with stamps that rise.
 
-    A frame brings the sweep, the last picture and the last fix since the sweep before, all motions since then in the
-    order of time, and the pose by odometry at its own stamp.
+    A frame brings the sweep, the last picture since the sweep before, all fixes and motions since then in the order of
+    time, and the pose by odometry at its own stamp.
     """
 
     complaints: Complaints
@@ -50,6 +53,7 @@ class Assembler:
     gate: StampGate = field(default_factory=StampGate)
     _picture: Picture | None = field(default=None, init=False)
     _fix: GnssFix | None = field(default=None, init=False)
+    _earlier: deque[GnssFix] = field(default_factory=lambda: deque(maxlen=MOST_FIXES), init=False)
     _heading: Heading | None = field(default=None, init=False)
     _velocity: GroundVelocity | None = field(default=None, init=False)
     _motions: deque[Motion] = field(default_factory=lambda: deque(maxlen=MOST_MOTIONS), init=False)
@@ -72,7 +76,7 @@ class Assembler:
             case Picture():
                 self._picture = reading
             case GnssFix():
-                self._fix = reading
+                self._add_fix(reading)
             case Heading():
                 self._heading = reading
             case GroundVelocity():
@@ -93,6 +97,8 @@ class Assembler:
             return None
         picture, self._picture = self._picture, None
         fix, self._fix = self._fix, None
+        earlier = tuple(self._earlier)
+        self._earlier.clear()
         motions = tuple(sorted(self._motions, key=lambda motion: motion.stamp_s))
         self._motions.clear()
         image = self._decoded(picture)
@@ -101,6 +107,7 @@ class Assembler:
             image=image,
             image_stamp_s=None if image is None or picture is None else picture.stamp_s,
             gnss=None if fix is None else self._with_direction(fix, sweep.stamp_s),
+            earlier_fixes=earlier,
             motions=motions,
             odom_from_vehicle=pose_at(tuple(self._poses), sweep.stamp_s),
             speed_mps=self._speed_at(sweep.stamp_s),
@@ -131,6 +138,12 @@ class Assembler:
             if said is not None and said.speed_mps is not None and abs(stamp_s - said.stamp_s) <= SPEED_WITHIN_S
         )
         return next((speed for _, speed in latest), None)
+
+    def _add_fix(self, fix: GnssFix) -> None:
+        """A fix; the one before it has heard what other topics say of its time. Only the last may have no stamp."""
+        if self._fix is not None and self._fix.stamp_s is not None:
+            self._earlier.append(self._with_direction(self._fix, self._fix.stamp_s))
+        self._fix = fix
 
     def _add_pose(self, pose: Odometry) -> None:
         if self._poses and pose.stamp_s <= self._poses[-1].stamp_s:

@@ -33,7 +33,7 @@ from vehicle_client.sources.carla_folder import (
 )
 from vehicle_client.sources.carla_text import RecordedFrame, in_sensor_frame, read_carla_ply
 from vehicle_client.sources.complaints import Complaints
-from vehicle_client.sources.frame import GnssFix, LidarFrame, Motion, SourceError
+from vehicle_client.sources.frame import OF_VEHICLE, GnssFix, LidarFrame, Motion, SourceError
 from vehicle_client.sources.pictures import read_picture
 from vehicle_client.sources.recorded_tables import (
     RecordedOdometry,
@@ -158,7 +158,10 @@ class CarlaRecording:
         lever = rotation_about_z(yaw) @ level @ self._mounting("gnss")[:3, 3]
         position, altitude_m = GeoOrigin(fix.position, fix.altitude_m).geodetic(-lever)
         stamp_s = self._said.start_s + fix.time_s
-        return GnssFix(position, altitude_m, heading_from_yaw(yaw), fix.sd_m, fix.altitude_sd_m, stamp_s=stamp_s)
+        heading_rad = heading_from_yaw(yaw)
+        return GnssFix(
+            position, altitude_m, heading_rad, fix.sd_m, fix.altitude_sd_m, stamp_s=stamp_s, antenna_m=OF_VEHICLE
+        )
 
     def _mounting(self, name: str) -> Matrix:
         """`vehicle_from_sensor` of the receiver or inertial unit that `_timeline` reads."""
@@ -194,7 +197,8 @@ def _exact_fix(origin: GeoOrigin | None, enu_from_vehicle: Matrix) -> GnssFix | 
     if origin is None:
         return None
     position, altitude_m = origin.geodetic(enu_from_vehicle[:3, 3])
-    return GnssFix(position, altitude_m, heading_from_yaw(yaw_of(enu_from_vehicle)), EXACT_SD_M, EXACT_SD_M)
+    heading_rad = heading_from_yaw(yaw_of(enu_from_vehicle))
+    return GnssFix(position, altitude_m, heading_rad, EXACT_SD_M, EXACT_SD_M, antenna_m=OF_VEHICLE)
 
 
 def _speeds(frames: list[RecordedFrame]) -> dict[int, float]:

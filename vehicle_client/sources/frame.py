@@ -16,12 +16,13 @@ class SourceError(ValueError):
     """A file or stream cannot be read; the message says what was expected."""
 
 
+OF_VEHICLE = (0.0, 0.0, 0.0)
+"""`GnssFix.antenna_m` of a fix that its source has moved to the vehicle frame's origin."""
+
+
 @dataclass(frozen=True, slots=True)
 class GnssFix:
-    """A satellite fix of the vehicle frame's origin, or of the antenna where the calibration states its place.
-
-    `sd_m` is the horizontal standard deviation of each axis.
-    """
+    """A satellite fix of a place on the car (`antenna_m`); `sd_m` is the horizontal standard deviation of each axis."""
 
     position: LatLon
     altitude_m: float
@@ -35,6 +36,9 @@ class GnssFix:
     """Speed over ground by the receiver."""
     stamp_s: float | None = None
     """Unix time of the measurement; None: that of the frame that brings it."""
+    antenna_m: tuple[float, float, float] | None = None
+    """The place that it is of, in the `vehicle` frame, where the source knows it or has moved the fix to the origin;
+    None: the antenna of the calibration."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,8 +56,9 @@ class LidarFrame:
 
     `stamp_s` is Unix time. Optional: `intensity` and `ring` (N,), `point_time_s` (N,) seconds after `stamp_s` (mostly
     negative) at which each point was measured, `image` (H, W, 3) uint8 BGR of the forward camera and its own stamp,
-    `odom_from_vehicle` (4, 4) from odometry at `stamp_s`, `gnss`, `motions` since the frame before, in the order of
-    time, `steering_rad` of the front wheels (positive left), `speed_mps`.
+    `odom_from_vehicle` (4, 4) from odometry at `stamp_s`, the last fix `gnss`, those before it (`earlier_fixes`) and
+    `motions` since the frame before, in the order of time, `steering_rad` of the front wheels (positive left),
+    `speed_mps`.
     """
 
     stamp_s: float
@@ -68,6 +73,12 @@ class LidarFrame:
     point_time_s: NDArray[np.float32] | None = None
     image_stamp_s: float | None = None
     motions: tuple[Motion, ...] = ()
+    earlier_fixes: tuple[GnssFix, ...] = ()
+
+    @property
+    def fixes(self) -> tuple[GnssFix, ...]:
+        """All fixes that it brings, in the order of time."""
+        return self.earlier_fixes if self.gnss is None else (*self.earlier_fixes, self.gnss)
 
 
 class Source(Protocol):

@@ -13,7 +13,7 @@ import numpy as np
 
 from contract.geometry import LatLon
 from vehicle_client.frames import GeoOrigin, Matrix, heading_from_yaw, rigid, rotation_about_z
-from vehicle_client.sources.frame import GnssFix, Motion, SourceError
+from vehicle_client.sources.frame import OF_VEHICLE, GnssFix, Motion, SourceError
 
 LIDAR_HEIGHT_M = 1.73
 """Of KITTI's car (Geiger et al. 2013, figure 3: all heights with respect to the road)."""
@@ -114,6 +114,7 @@ class InertialRow:
             course_rad=heading_from_yaw(math.atan2(self.north_mps, self.east_mps)),
             speed_mps=speed_mps,
             stamp_s=self.stamp_s,
+            antenna_m=OF_VEHICLE,
         )
 
 

@@ -134,9 +134,8 @@ def messages_of(frame: LidarFrame, encoding: PointEncoding) -> Iterator[tuple[Me
     if frame.odom_from_vehicle is not None:
         turn = Rotation.from_matrix(frame.odom_from_vehicle[:3, :3]).as_quat()
         yield MessageKind.ODOMETRY, frame.stamp_s, ODOMETRY.pack(*frame.odom_from_vehicle[:3, 3], *turn)
-    if frame.gnss is not None:
-        fixed_s = frame.stamp_s if frame.gnss.stamp_s is None else frame.gnss.stamp_s
-        yield MessageKind.FIX, fixed_s, fix_payload(frame.gnss)
+    for fix in frame.fixes:
+        yield MessageKind.FIX, frame.stamp_s if fix.stamp_s is None else fix.stamp_s, fix_payload(fix)
     if frame.image is not None:
         taken_s = frame.stamp_s if frame.image_stamp_s is None else frame.image_stamp_s
         yield MessageKind.IMAGE, taken_s, cv2.imencode(".jpg", frame.image)[1].tobytes()

@@ -22,6 +22,7 @@ def shifted(frame: LidarFrame, by_s: float) -> LidarFrame:
         frame,
         stamp_s=frame.stamp_s + by_s,
         gnss=None if frame.gnss is None else _shifted_fix(frame.gnss, by_s),
+        earlier_fixes=tuple(_shifted_fix(fix, by_s) for fix in frame.earlier_fixes),
         image_stamp_s=None if frame.image_stamp_s is None else frame.image_stamp_s + by_s,
         motions=tuple(replace(motion, stamp_s=motion.stamp_s + by_s) for motion in frame.motions),
     )

@@ -138,7 +138,9 @@ def test_delays_are_taken_out_of_every_stamp() -> None:
         gnss=fix,
         motions=(Motion(NOON_S, 5.0),),
     )
+    came = replace(came, earlier_fixes=(replace(fix, stamp_s=NOON_S - 0.2),))
     frame = aligned(came, SensorDelays(gnss_s=0.095, camera_s=0.03, motion_s=0.01))
+    assert [f.stamp_s for f in frame.earlier_fixes] == [pytest.approx(NOON_S - 0.295)]
     assert frame.gnss is not None
     assert frame.gnss.stamp_s == pytest.approx(NOON_S - 0.095)
     assert frame.image_stamp_s == pytest.approx(NOON_S - 0.01)

@@ -25,7 +25,7 @@ from vehicle_client.positioning.pose import (
     update,
 )
 from vehicle_client.reporting import compose_report
-from vehicle_client.sources.frame import GnssFix, LidarFrame
+from vehicle_client.sources.frame import OF_VEHICLE, GnssFix, LidarFrame
 
 RATE_HZ = 10
 SPEED_MPS = 10.0
@@ -351,6 +351,37 @@ def test_the_antenna_s_place_on_the_car_is_taken_out() -> None:
     assert east_north_m(found) == pytest.approx([29, 0], abs=1e-2)
     assert found.pose is not None
     assert found.pose.altitude_m == pytest.approx(20 - 1.6, abs=1e-2)
+
+
+def test_an_antenna_that_the_source_has_taken_out_is_not_taken_out_again() -> None:
+    state, found = PoseFilter(antenna_m=np.array([-1.5, 0.4, 1.6])), PoseUpdate(None, None)
+    for number in range(30):
+        fix = replace(fix_at(number, 0, EAST), antenna_m=OF_VEHICLE)
+        state, found = update(state, frame_at(NOON_S + number / RATE_HZ, planar(number, 0, 0.0), fix))
+    assert east_north_m(found) == pytest.approx([29, 0], abs=1e-2)
+    assert found.pose is not None
+    assert found.pose.altitude_m == pytest.approx(20, abs=1e-2)
+
+
+def test_all_fixes_that_a_frame_brings_count() -> None:
+    state, found = PoseFilter(), PoseUpdate(None, None)
+    random = np.random.default_rng(3)
+    for number in range(60):
+        fixes = [
+            replace(
+                fix_at(*(np.array([number - late, 0]) + random.normal(0, 1, 2)), EAST),
+                stamp_s=NOON_S + (number - late) / RATE_HZ,
+            )
+            for late in np.arange(9, -1, -1) / 10
+        ]
+        frame = replace(
+            frame_at(NOON_S + number / RATE_HZ, planar(number, 0, 0.0), fixes[-1]), earlier_fixes=tuple(fixes[:-1])
+        )
+        state, found = update(state, frame)
+    assert found.pose is not None
+    # The mean of 600 fixes errs by 4 cm, that of the last ones by 13 cm.
+    assert math.sqrt(found.pose.covariance_m2[1, 1]) < 0.5
+    assert east_north_m(found)[1] == pytest.approx(0, abs=0.2)
 
 
 def test_a_report_carries_the_pose_s_covariance_also_between_east_and_north() -> None:

@@ -9,11 +9,11 @@ from hypothesis import strategies as st
 
 from contract.geometry import LatLon
 from vehicle_client.frames import GeoOrigin, rigid, rotation_about_z, yaw_of
-from vehicle_client.sources.assembling import MOST_MOTIONS, Assembler, pose_at
+from vehicle_client.sources.assembling import MOST_FIXES, MOST_MOTIONS, Assembler, pose_at
 from vehicle_client.sources.complaints import Complaints
 from vehicle_client.sources.frame import GnssFix, LidarFrame, Motion, SourceError
 from vehicle_client.sources.mounting import Lever
-from vehicle_client.sources.readings import GroundVelocity, Heading, Odometry, Picture, Steering
+from vehicle_client.sources.readings import GroundVelocity, Heading, Odometry, Picture, Reading, Steering
 from vehicle_client.sources.stamps import AGREEING, MOST_GAP_S, StampGate
 
 START_S = 1_780_000_000.0
@@ -81,8 +81,30 @@ def test_the_fix_is_moved_by_the_antennas_place_as_the_car_points() -> None:
     moved = assembled(Heading(START_S, 0.0), fix(0.1), sweep(0.2), lever=lever)[0].gnss
     assert moved.heading_rad == pytest.approx(math.pi / 2)
     assert GeoOrigin(PLACE, 20.0).enu(moved.position, moved.altitude_m) == pytest.approx([0.5, -0.4, -1.5], abs=1e-6)
+    assert moved.antenna_m == (0.0, 0.0, 0.0)
     (unknown,) = assembled(fix(0.1), sweep(0.2), lever=lever)
     assert (unknown.gnss.position.latitude_deg, unknown.gnss.altitude_m) == pytest.approx((38.2466, 18.5), abs=1e-9)
+    assert unknown.gnss.antenna_m == (-0.5, 0.4, 0.0)
+    (unsaid,) = assembled(fix(0.1), sweep(0.2))
+    assert unsaid.gnss.antenna_m is None
+
+
+def test_a_receiver_faster_than_the_sweeps_loses_no_fix_and_each_has_the_course_of_its_time() -> None:
+    readings: list[Reading] = []
+    for tenth in range(8):
+        readings += [fix(tenth / 10), GroundVelocity(START_S + tenth / 10, 0.1 * tenth, 8.0)]
+        readings += [sweep(0.35), sweep(0.38)] if tenth == 3 else []
+    first, nothing, last = assembled(*readings, sweep(0.75))
+    for frame, tenths in ((first, range(4)), (last, range(4, 8))):
+        assert [f.stamp_s for f in frame.fixes] == pytest.approx([START_S + t / 10 for t in tenths])
+        assert [f.course_rad for f in frame.fixes] == pytest.approx([0.1 * t for t in tenths])
+    assert nothing.fixes == ()
+
+
+def test_fixes_of_a_drive_without_sweeps_do_not_pile_up() -> None:
+    (frame,) = assembled(*(fix(n / 10) for n in range(500)), sweep(50.0))
+    assert len(frame.fixes) == MOST_FIXES + 1
+    assert frame.fixes[-1].stamp_s == pytest.approx(START_S + 49.9)
 
 
 def test_speed_is_the_odometrys_else_the_wheels_else_the_receivers_if_it_is_fresh() -> None:
