@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from vehicle_client.frames import GeoOrigin, Vector, rotation_about_z, yaw_from_heading
 from vehicle_client.positioning import height_filter, pose_filter
-from vehicle_client.positioning.heading import YawMeasurement
+from vehicle_client.positioning.heading import StampDelay, YawMeasurement
 from vehicle_client.positioning.height_filter import HeightFilter
 from vehicle_client.positioning.odometry_history import OdometryHistory, PlanarPose, in_axes_of, turn_between
-from vehicle_client.positioning.pose_filter import YAW, Expectation, PlaceMeasurement, PlaneFilter
+from vehicle_client.positioning.pose_filter import DELAY, YAW, Expectation, PlaceMeasurement, PlaneFilter
 from vehicle_client.positioning.speed_scale import ScaleMeasurement
 from vehicle_client.sources.frame import GnssFix
 
@@ -43,6 +44,12 @@ class CarEstimate:
     def yaw_rad(self) -> float:
         """Counter-clockwise from east."""
         return float(self.plane.state[YAW])
+
+    @property
+    def delay(self) -> StampDelay:
+        """How late fixes are stamped."""
+        variance = float(self.plane.state_covariance[DELAY, DELAY])
+        return StampDelay(float(self.plane.state[DELAY]), math.sqrt(variance))
 
 
 def begun(

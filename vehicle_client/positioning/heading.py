@@ -45,8 +45,21 @@ class YawMeasurement:
     sd_rad: float
 
 
-def measured_yaw(fix: GnssFix, at: PlanarPose, history: OdometryHistory, last_s: float) -> YawMeasurement | None:
-    """What a fix says itself, carried to now by odometry; None if nothing, or if a later one spoke at `last_s`."""
+@dataclass(frozen=True, slots=True)
+class StampDelay:
+    """How long after their moment fixes are stamped, with its standard deviation."""
+
+    delay_s: float
+    sd_s: float
+
+
+def measured_yaw(
+    fix: GnssFix, at: PlanarPose, history: OdometryHistory, last_s: float, late: StampDelay
+) -> YawMeasurement | None:
+    """What a fix says itself, carried to now by odometry; None if nothing, or if a later one spoke at `last_s`.
+
+    A course is `late` and the car has turned on since; a heading comes from another device.
+    """
     if at.stamp_s <= last_s:
         return None
     turned = history.poses[-1].yaw_rad - at.yaw_rad
@@ -63,8 +76,9 @@ def measured_yaw(fix: GnssFix, at: PlanarPose, history: OdometryHistory, last_s:
         return None
     # The chord of an arc points where the car does half-way; going backwards it points behind.
     slip = math.atan2(moved[1], moved[0]) - turning / 2
-    sd_rad = math.hypot(VELOCITY_SD_MPS / course.speed_mps, VELOCITY_LAG_S * turning / MOTION_S)
-    return YawMeasurement(course.yaw_rad - slip + turned, smoothed * sd_rad)
+    rate_rps = turning / MOTION_S
+    sd_rad = math.hypot(VELOCITY_SD_MPS / course.speed_mps, math.hypot(VELOCITY_LAG_S, late.sd_s) * rate_rps)
+    return YawMeasurement(course.yaw_rad - slip + turned + late.delay_s * rate_rps, smoothed * sd_rad)
 
 
 def repeated(elapsed_s: float) -> float:

@@ -27,9 +27,9 @@ from vehicle_client.frames import (
 from vehicle_client.positioning import car_estimate, pose_filter
 from vehicle_client.positioning.car_estimate import CarEstimate
 from vehicle_client.positioning.fix_gate import FixGate, Verdict
-from vehicle_client.positioning.heading import FirstFix, measured_yaw, yaw_of_track
+from vehicle_client.positioning.heading import FirstFix, StampDelay, measured_yaw, yaw_of_track
 from vehicle_client.positioning.odometry_history import ODOMETRY_GAP_S, REMEMBERED_S, OdometryHistory, PlanarPose
-from vehicle_client.positioning.pose_filter import YAW
+from vehicle_client.positioning.pose_filter import DELAY_SD_S, YAW
 from vehicle_client.positioning.speed_scale import measured_scale
 from vehicle_client.sources.frame import GnssFix, LidarFrame
 
@@ -229,7 +229,7 @@ def _antenna(state: PoseFilter, fix: GnssFix) -> Vector:
 
 def _with_the_rest(state: PoseFilter, estimate: CarEstimate, fix: GnssFix, at: PlanarPose) -> PoseFilter:
     estimate = car_estimate.with_altitude(estimate, fix, at, state.history.poses[-1], _antenna(state, fix))
-    yaw = measured_yaw(fix, at, state.history, state.last_yaw_s)
+    yaw = measured_yaw(fix, at, state.history, state.last_yaw_s, estimate.delay)
     if yaw is None:
         return replace(state, estimate=estimate)
     scale = measured_scale(fix, at, state.history, at.stamp_s - state.last_yaw_s)
@@ -241,7 +241,7 @@ def _with_the_rest(state: PoseFilter, estimate: CarEstimate, fix: GnssFix, at: P
 def _begun(state: PoseFilter, fix: GnssFix, at: PlanarPose) -> PoseFilter:
     """An estimate at a fix, once the heading is known: said, from the course, or from the way since the first fix."""
     now = state.history.poses[-1]
-    yaw = measured_yaw(fix, at, state.history, -math.inf)
+    yaw = measured_yaw(fix, at, state.history, -math.inf, StampDelay(0.0, DELAY_SD_S))
     if yaw is None and state.first is not None:
         yaw = yaw_of_track(state.first, fix, at, now)
     if yaw is None or yaw.sd_rad > LARGEST_YAW_SD_RAD:
