@@ -9,7 +9,7 @@ from datetime import UTC, datetime
 from uuid import UUID
 
 from contract.geometry import LatLon
-from contract.observation import ObservationBatch, ObservationBatchResult, ObservationReport, ReportStatus
+from contract.observation import ObservationBatch, ObservationBatchResult, ReportStatus
 from contract.obstacle import ObstacleFeature
 from server.errors import ObstacleNotFoundError, UnavailableError
 from server.geometry.geodesy import distance_m
@@ -61,7 +61,21 @@ class Service:
         """
         caller.must_be_able_to_post()
         received_at = datetime.now(UTC)
-        parcels = [self._parcel(caller, batch.sent_at, received_at, report) for report in batch.reports]
+        witnesses = {
+            pseudonym: witness_name(caller, pseudonym, self._secret)
+            for pseudonym in {report.pseudonym for report in batch.reports}
+        }
+        parcels = [
+            Parcel(
+                message=report,
+                sent_at=batch.sent_at,
+                received_at=received_at,
+                key_id=caller.key_id,
+                witness=witnesses[report.pseudonym],
+                body=report.model_dump_json(),
+            )
+            for report in batch.reports
+        ]
         results = await self.ingest.take(parcels)
         if all(result.status is ReportStatus.RETRY for result in results):
             raise UnavailableError("the database did not take the reports in time; send them again")
@@ -84,13 +98,3 @@ class Service:
 
     async def _decide(self, parcels: Sequence[Parcel]) -> Outcomes:
         return await decide_together(self._database, parcels, self._policy, self._distrusted())
-
-    def _parcel(self, caller: Caller, sent_at: datetime, received_at: datetime, report: ObservationReport) -> Parcel:
-        return Parcel(
-            message=report,
-            sent_at=sent_at,
-            received_at=received_at,
-            key_id=caller.key_id,
-            witness=witness_name(caller, report.pseudonym, self._secret),
-            body=report.model_dump_json(),
-        )
