@@ -140,7 +140,7 @@ def _drive(car: CarCalibration, vehicle: Vehicle, frames: Iterable[LidarFrame], 
         Preparing(car, realtime=realtime) as preparing,
         Paced[Known](frames, preparing, realtime=realtime, is_recorded=True) as paced,
     ):
-        drive_along(paced, vehicle, totals, [show])
+        drive_along(paced, vehicle, totals, (), displays=[show])
         cpu_s = _cpu_s() - before_s
     drawing.close()
     number = max(totals.frames, 1)

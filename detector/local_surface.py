@@ -137,8 +137,17 @@ def _surface(window: _Window, shift: FloatArray, on_road: np.ndarray) -> FloatAr
     # A cell's mean is as sure as its hits are many, but its neighbours share the road's texture.
     weight = np.minimum(count[filled], 4).astype(np.float64)
     coefficients = fit_tukey(quadratic_terms(x, y), mean[filled], weight, CUTOFF_SD, FLOOR_SD_M)
-    x, y = window.xy_m.T / window.half_size_m
-    return np.asarray(quadratic_terms(x, y) @ coefficients)
+    return np.asarray(_quadratic(window.xy_m, 1.0 / window.half_size_m, coefficients))
+
+
+@njit(cache=True, nogil=True)
+def _quadratic(xy: FloatArray, scale: float, coefficients: FloatArray) -> FloatArray:
+    """The quadratic of `quadratic_terms` at places (N, 2) times `scale`."""
+    c, height = coefficients, np.empty(len(xy))
+    for i in range(len(xy)):
+        x, y = xy[i, 0] * scale, xy[i, 1] * scale
+        height[i] = c[0] + c[1] * x + c[2] * y + c[3] * x * x + c[4] * x * y + c[5] * y * y
+    return height
 
 
 @njit(cache=True, nogil=True)

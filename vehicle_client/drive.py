@@ -1,7 +1,7 @@
 """One vehicle, read from one file: a frame comes in, and pose, obstacles, reports, alerts and picture come out.
 
-source -> prepare -> detect -> pose -> accumulate -> track -> hear -> watch -> measure -> report -> alert -> compose ->
-draw
+source -> prepare -> detect -> pose -> accumulate -> track -> hear -> watch -> alert -> compose -> draw, and then
+measure -> report
 """
 
 from __future__ import annotations
@@ -90,7 +90,7 @@ class Step:
 
 
 class Vehicle:
-    """A vehicle on a drive. The state is values; `step` folds one frame into them and talks to the server."""
+    """A vehicle on a drive. The state is values; `see` folds one frame into them, `tell` talks of it to the server."""
 
     def __init__(
         self,
@@ -127,10 +127,15 @@ class Vehicle:
         return self._known
 
     def step(self, frame: LidarFrame, detection: FrameDetection | None = None) -> Step:
-        """Take one frame in. Without a pose obstacles are found and measured, but nothing is reported or shown.
+        """Take one frame in: `see`, then `tell`."""
+        return self.tell(self.see(frame, detection))
 
-        `detection` is what `detect` found in it, if somebody has asked already. Raises `DetectorError` for points that
-        cannot be a sweep in metres; the state is then as before.
+    def see(self, frame: LidarFrame, detection: FrameDetection | None = None) -> Step:
+        """What the driver is to be shown at a frame, before anything is measured, which takes as long as a sweep.
+
+        Without a pose obstacles are found, but nothing is shown. `detection` is what `detect` found in it, if somebody
+        has asked already. Raises `DetectorError` for points that cannot be a sweep in metres; the state is then as
+        before.
         """
         sweep = detector_input(frame, self._calibration)
         if detection is None:
@@ -139,18 +144,26 @@ class Vehicle:
         here = placed.pose if placed.reason is None else None
         found = self._found(sweep, detection, frame.stamp_s)
         if here is None:
-            measured = self._measured(None, sweep, UNALIGNED, at_end=False)
             tracks, shown = self._tracks.tracks, Alerts(fresh=False)
-            return Step(frame, None, placed.reason, detection, found, tracks, measured, self._known, shown)
+            return Step(frame, None, placed.reason, detection, found, tracks, (), self._known, shown)
         told, answered = self._exchange(here)
         self._watches = watching.watch(self._watches, self._known, here, self._sighted)
         alignment = self._alignment(here)
-        measured = self._measured(here, sweep, alignment, at_end=False)
-        reports = self._reports(here, alignment, measured, at_end=False)
-        answers = answered + (self._deliver() if reports else ())
         self._alerts = alerts.choose(self._alerts, self._known, self._tracks.tracks, here, here.stamp_s, alignment)
         tracks, shown = self._tracks.tracks, self._alerts
-        return Step(frame, here, None, detection, found, tracks, measured, self._known, shown, told, reports, answers)
+        return Step(frame, here, None, detection, found, tracks, (), self._known, shown, told, (), answered)
+
+    def tell(self, seen: Step) -> Step:
+        """The step with what is measured and reported at it; `seen` is the latest that `see` gave.
+
+        Without a pose obstacles are measured, but nothing is reported.
+        """
+        sweep, here = detector_input(seen.frame, self._calibration), seen.pose
+        alignment = UNALIGNED if here is None else self._alignment(here)
+        measured = self._measured(here, sweep, alignment, at_end=False)
+        reports = () if here is None else self._reports(here, alignment, measured, at_end=False)
+        answers = seen.answers + (self._deliver() if reports else ())
+        return replace(seen, tracks=self._tracks.tracks, measured=measured, reports=reports, answers=answers)
 
     def finish(self, last: Step) -> Step:
         """End the drive: measure and report what was not yet passed by far enough, and hear the answers."""

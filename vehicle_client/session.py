@@ -40,7 +40,7 @@ class Known:
 
 
 Listener = Callable[[Step, Ready[Known]], None]
-"""Somebody who is told of each step, in the drive's thread."""
+"""Somebody who is told of each step, in the drive's thread: what takes its time belongs beside it (`beside`)."""
 
 
 class Preparing:
@@ -82,21 +82,30 @@ class Preparing:
             return None
 
 
-def drive_along(paced: Paced[Known], vehicle: Vehicle, totals: Totals, listeners: Sequence[Listener]) -> Step | None:
+def drive_along(
+    paced: Paced[Known],
+    vehicle: Vehicle,
+    totals: Totals,
+    listeners: Sequence[Listener],
+    displays: Sequence[Listener] = (),
+) -> Step | None:
     """Drive until the source ends; the last step, with what the end of the drive brought, None without a usable frame.
 
-    A frame that cannot be a sweep is skipped, said once, and counted; so is one in which the program fails, until too
-    many fail in a row (`vehicle_client.faults`). A source that fails ends the drive as its end would, and
-    `totals.broken_off` says why.
+    `displays` are told of each frame as soon as the driver's alerts are known, `listeners` when it is measured and
+    reported, too. A frame that cannot be a sweep is skipped, said once, and counted; so is one in which the program
+    fails, until too many fail in a row (`vehicle_client.faults`). A source that fails ends the drive as its end would,
+    and `totals.broken_off` says why.
     """
     last: Step | None = None
     faults = Faults()
     frames = iter(paced)
     while (ready := _next(frames, totals)) is not None:
         try:
-            last = _taken_in(ready, vehicle, totals)
-            for listen in listeners:
-                listen(last, ready)
+            last = _seen(ready, vehicle, totals)
+            _show(last, ready, displays)
+            last = vehicle.tell(last)
+            totals.add(last)
+            _show(last, ready, listeners)
         except DetectorError as error:
             totals.unusable += 1
             _LOG.log(logging.WARNING if totals.unusable == 1 else logging.DEBUG, "a frame is skipped: %s", error)
@@ -113,6 +122,11 @@ def drive_along(paced: Paced[Known], vehicle: Vehicle, totals: Totals, listeners
         totals.faults = faults.total + paced.faults.total
 
 
+def _show(step: Step, ready: Ready[Known], whom: Sequence[Listener]) -> None:
+    for listen in whom:
+        listen(step, ready)
+
+
 def _next(frames: Iterator[Ready[Known]], totals: Totals) -> Ready[Known] | None:
     try:
         return next(frames, None)
@@ -121,11 +135,10 @@ def _next(frames: Iterator[Ready[Known]], totals: Totals) -> Ready[Known] | None
         return None
 
 
-def _taken_in(ready: Ready[Known], vehicle: Vehicle, totals: Totals) -> Step:
-    step = vehicle.step(ready.frame, ready.known.detection)
+def _seen(ready: Ready[Known], vehicle: Vehicle, totals: Totals) -> Step:
+    seen = vehicle.see(ready.frame, ready.known.detection)
     totals.latency.observe(time.monotonic() - ready.complete_s)
-    totals.add(step)
-    return step
+    return seen
 
 
 def _finished(last: Step, vehicle: Vehicle, totals: Totals) -> Step:

@@ -44,11 +44,11 @@ class FailingVehicle(Vehicle):
         super().__init__(CALIBRATION, HeldLink(), pseudonym="test")
         self._failing, self._number = failing, -1
 
-    def step(self, frame: LidarFrame, detection: FrameDetection | None = None) -> Step:
+    def see(self, frame: LidarFrame, detection: FrameDetection | None = None) -> Step:
         self._number += 1
         if self._number in self._failing:
             raise ZeroDivisionError(f"frame {self._number}")
-        return super().step(frame, detection)
+        return super().see(frame, detection)
 
 
 def frames(number: int, *, broken_off: str | None = None) -> Iterator[LidarFrame]:
@@ -86,6 +86,29 @@ def test_faults_in_single_frames_are_counted_and_logged_once_a_kind_with_their_t
 def test_a_program_that_fails_in_every_frame_does_not_go_on_for_a_year() -> None:
     with pytest.raises(ZeroDivisionError):
         driven(frames(MOST_IN_A_ROW + 5), FailingVehicle(*range(3, 100)))
+
+
+class FailingToTell(FailingVehicle):
+    """Sees each frame, and fails to measure in the third."""
+
+    def tell(self, seen: Step) -> Step:
+        if self._number == 2:
+            raise ZeroDivisionError("measured")
+        return super().tell(seen)
+
+
+def test_the_driver_is_shown_each_frame_before_it_is_measured() -> None:
+    seen: list[Step] = []
+    told: list[Step] = []
+    totals = Totals()
+    preparing = Preparing(CAR, realtime=False)
+    with Paced[Known](frames(5), preparing, realtime=False, is_recorded=True) as paced:
+        shows = [lambda step, _: told.append(step)], [lambda step, _: seen.append(step)]
+        drive_along(paced, FailingToTell(), totals, *shows)
+    assert [step.frame.stamp_s for step in seen] == [1_000.0 + index / 10 for index in range(5)]
+    assert [step.frame.stamp_s for step in told] == [step.frame.stamp_s for step in seen if step is not seen[2]]
+    assert all(step.alerts in [s.alerts for s in seen] for step in told)
+    assert (totals.frames, totals.faults, int(totals.latency.counts.sum())) == (4, 1, 5)
 
 
 def test_a_car_without_satellites_has_one_reason_however_long_it_stands() -> None:
