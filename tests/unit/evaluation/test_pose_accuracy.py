@@ -13,7 +13,7 @@ from typer.testing import CliRunner
 
 from evaluation.odometry_accuracy import MANOEUVRES, deskewed, matched, simulated_sweeps
 from evaluation.pose_accuracy import PoseTrace, figures, inside_ellipse, traced
-from evaluation.pose_drives import RECEIVER_DELAY_S, recorded_city_drive, recorded_loop_drive
+from evaluation.pose_drives import RECEIVER_DELAY_S, PoseDrive, recorded_city_drive, recorded_loop_drive
 from evaluation.pose_receivers import RECEIVERS, simulated_drive
 from headsup.cli import app
 from simulator.mesh import pose as mounted
@@ -37,6 +37,17 @@ def trace_of(error_m: np.ndarray, sd_m: float) -> PoseTrace:
         fix_time_s=np.arange(count) / 10,
         fix_error_m=error_m,
         reasons=(None,) * count,
+    )
+
+
+def every_fourth(drive: PoseDrive) -> PoseDrive:
+    part = slice(None, None, 4)
+    return replace(
+        drive,
+        frames=drive.frames[part],
+        place_m=drive.place_m[part],
+        yaw_rad=drive.yaw_rad[part],
+        speed_mps=drive.speed_mps[part],
     )
 
 
@@ -90,14 +101,10 @@ def test_warnings_do_not_jump() -> None:
 
 
 def test_a_receiver_that_stamps_late_costs_no_metres_behind_the_car() -> None:
-    drive = simulated_drive("100 s, stamped 0.2 s late", 11, seconds=90.0)
-    shown = traced(drive)
-    ahead = np.stack([np.cos(drive.yaw_rad), np.sin(drive.yaw_rad)], axis=1)
-    fast = (drive.speed_mps > 8) & (shown.time_s > 30)
-    fixes = [np.interp(shown.time_s, shown.fix_time_s, shown.fix_error_m[:, axis]) for axis in range(2)]
-    raw_behind_m = -(np.stack(fixes, axis=1) * ahead).sum(axis=1)[fast].mean()
-    assert abs(np.nanmean((shown.error_m * ahead).sum(axis=1)[fast])) < 0.5 * raw_behind_m
-    assert figures([shown]).coverage > 0.9
+    drives = [simulated_drive("100 s, stamped 0.2 s late", seed, seconds=60.0) for seed in (11, 12, 13)]
+    shown = figures([traced(every_fourth(drive)) for drive in drives])
+    assert shown.median_m < 0.8 * shown.raw_median_m
+    assert shown.heading_rms_deg < 1.0
 
 
 def test_every_kind_of_receiver_is_simulated() -> None:
