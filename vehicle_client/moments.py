@@ -85,7 +85,12 @@ def due(
             ahead_m = float(apply(vehicle_from_odom, track.centre_odom_m)[0])
             if not track.was_passed and (at_end or ahead_m < -(PASSED_M if is_placed else GIVEN_UP_M)):
                 found.append(Due(track, Moment.END if at_end else Moment.PASSED))
-            elif is_placed and not track.was_approached and track.track_id not in known and ahead_m < ABOUT_TO_PASS_M:
+            elif (
+                is_placed
+                and not track.was_approached
+                and track.track_id not in known
+                and 0 <= ahead_m < ABOUT_TO_PASS_M
+            ):
                 found.append(Due(track, Moment.APPROACH))
     return found
 

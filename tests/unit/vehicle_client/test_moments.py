@@ -117,6 +117,11 @@ def test_tracks_are_due_once_they_are_believed_and_near_or_passed() -> None:
     assert moments(*tracks, at_end=True) == dict.fromkeys((1, 2, 5, 6), Moment.END)
 
 
+def test_what_is_believed_only_behind_the_car_waits_until_it_was_passed() -> None:
+    assert moments(track_at(-1, 0, 1), track_at(-11, 0, 2), track_at(1, 0, 3)) == {3: Moment.APPROACH}
+    assert moments(track_at(-12.1, 0, 1)) == {1: Moment.PASSED}
+
+
 def test_without_a_place_in_the_world_an_obstacle_waits_for_one_as_long_as_its_hits_are_kept() -> None:
     tracks = (track_at(5, 0, 1), track_at(-PASSED_M - 1, 0, 2), track_at(-GIVEN_UP_M - 0.1, 0, 3))
     assert moments(*tracks, is_placed=False) == {3: Moment.PASSED}
