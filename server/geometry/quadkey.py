@@ -72,7 +72,7 @@ def tiles(centre: LatLon, radius_m: float) -> tuple[int, ...]:
 def merged(ranges: Iterable[tuple[int, int]]) -> Ranges:
     """The same cells as ascending ranges that neither overlap nor touch."""
     joined: list[tuple[int, int]] = []
-    for low, high in sorted(ranges):
+    for low, high in sorted(set(ranges)):
         if joined and low <= joined[-1][1] + 1:
             joined[-1] = (joined[-1][0], max(high, joined[-1][1]))
         else:
