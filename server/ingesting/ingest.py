@@ -19,8 +19,8 @@ from server.ingesting.parcel import Parcel
 from server.storage.database import is_worth_a_retry
 from server.storage.features import ObstacleEvent
 
-# Commits and statements fall on all reports of a group: at full load 64 cost each a fifth more. Deciding as many takes a
-# fifth of a second, for which the first waits for the last.
+# Commits and statements fall on all reports of a group: at full load 64 cost each a fifth more. Deciding as many takes
+# a fifth of a second, for which the first waits for the last.
 GREATEST_GROUP = 256
 # Reports of a second at full load: what waits longer than a vehicle does is better refused at once.
 _GREATEST_BACKLOG = 8_192
