@@ -30,7 +30,7 @@ from server.storage.repository import Repository
 from server.trust.admission import Admission
 from server.trust.keys import Keys
 from server.upkeep import Upkeep
-from server.web import endpoints
+from server.web import endpoints, posted
 from server.web.body_limit import BodyLimit
 from server.web.edge import Edge
 from server.web.endpoints import Parts
@@ -53,6 +53,10 @@ class _Application(FastAPI):
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Serve one connection."""
         await self._lane(scope, receive, send)
+
+    def openapi(self) -> dict[str, Any]:
+        """The OpenAPI document."""
+        return posted.described(super().openapi())
 
 
 def create_app(settings: Settings) -> FastAPI:

@@ -189,7 +189,7 @@ def _is_an_echo(item: Mapping[str, Any], places: set[tuple[int | str, ...]]) -> 
 
 def _what(item: Mapping[str, Any]) -> str:
     if item["type"] == "json_invalid":
-        return f"no JSON from character {item['loc'][-1]} on: {item['ctx']['error']}"
+        return f"no JSON in UTF-8: {item['ctx']['error']}"
     if item["type"] == "too_short":
         return f"give at least {item['ctx']['min_length']}"
     return str(item["msg"]).removeprefix("Value error, ")

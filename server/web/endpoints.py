@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from fastapi import APIRouter, Depends, WebSocket
+from fastapi import APIRouter, Depends, Response, WebSocket
 
-from contract.observation import ObservationBatch, ObservationBatchResult
+from contract.observation import ObservationBatchResult
 from server.ogc import endpoints as ogc_endpoints
 from server.web import operation_endpoints, operator_endpoints, reader_endpoints
 from server.web.dependencies import REFUSALS, CallerNow, Parts, PartsNow, bearer, must_be_json, once_each, refusals
 from server.web.events_socket import serve_events
+from server.web.posted import REQUEST_BODY, PostedBatch
 
 __all__ = ["ROUTERS", "Parts"]
 
@@ -20,17 +21,19 @@ push = APIRouter(prefix="/v1")
     "/observations",
     tags=["observations"],
     dependencies=[Depends(must_be_json)],
+    response_model=ObservationBatchResult,
+    openapi_extra=REQUEST_BODY,
     responses=refusals(
-        s400="the body is not text in UTF-8",
         s403="a key of role reader may not post",
         s413="the body exceeds 1 MiB: send half",
         s415="the body is not application/json",
     ),
 )
-async def post_observations(batch: ObservationBatch, caller: CallerNow, parts: PartsNow) -> ObservationBatchResult:
+async def post_observations(caller: CallerNow, batch: PostedBatch, parts: PartsNow) -> Response:
     """Take a batch of reports and answer each, in order. Safe to repeat: a report counts once by its id and key."""
     parts.admission.reports(caller, len(batch.reports))
-    return await parts.service.observe(caller, batch)
+    result = await parts.service.observe(caller, batch)
+    return Response(result.model_dump_json(), media_type="application/json")
 
 
 @push.websocket("/events")

@@ -7,7 +7,6 @@ from pathlib import Path as FilePath
 
 import numpy as np
 import pytest
-from tests.unit.simulator.maps.test_opendrive import town
 
 from contract.geometry import LatLon
 from simulator.maps.map_roads import opened_where_they_meet, roads_of
@@ -25,8 +24,9 @@ from simulator.streets.road import Road
 from simulator.streets.street import ParkedCar, Street
 from simulator.streets.trajectory import Path
 from simulator.streets.world_plan import WorldPlan
-from tests.unit.simulator.maps import test_opendrive as xodr
 from tests.unit.simulator.crossroads import EAST, EXAMPLE, NORTH, SOUTH, WEST, crossroads
+from tests.unit.simulator.maps import test_opendrive as xodr
+from tests.unit.simulator.maps.test_opendrive import town
 
 pytest.importorskip("carla")
 
