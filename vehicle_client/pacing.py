@@ -1,7 +1,8 @@
 """Frames at the pace of the road: one thread reads, one prepares, the drive takes them; what is late is dropped whole.
 
-At the sensor's pace a queue holds the latest frames, and the oldest is dropped and counted when nobody has taken it. At
-the drive's pace (a recording that nobody waits for) queues fill and reading waits: nothing is dropped.
+At the sensor's pace a queue holds the latest frames, and the oldest is dropped and counted when nobody has taken it;
+its fixes and motions go to the next. At the drive's pace (a recording that nobody waits for) queues fill and reading
+waits: nothing is dropped.
 """
 
 from __future__ import annotations
@@ -10,11 +11,11 @@ import threading
 import time
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Generic, TypeVar
 
 from vehicle_client.faults import Faults
-from vehicle_client.sources.frame import LidarFrame
+from vehicle_client.sources.frame import LidarFrame, inheriting
 
 T = TypeVar("T")
 
@@ -30,6 +31,12 @@ _LOOK_S = 0.2
 
 
 @dataclass(frozen=True, slots=True)
+class _Read:
+    frame: LidarFrame
+    complete_s: float
+
+
+@dataclass(frozen=True, slots=True)
 class Ready(Generic[T]):
     """A prepared frame with what its preparation knows besides, and when its sweep was complete (monotonic clock)."""
 
@@ -38,12 +45,24 @@ class Ready(Generic[T]):
     complete_s: float
 
 
-class Queue(Generic[T]):
-    """Between two threads: bounded; full, it drops its oldest or makes the giver wait."""
+def _read_after(read: _Read, dropped: _Read) -> _Read:
+    return replace(read, frame=inheriting(read.frame, dropped.frame))
 
-    def __init__(self, *, drops: bool, most: int = MOST_WAITING) -> None:
+
+def _ready_after(ready: Ready[T], dropped: Ready[T]) -> Ready[T]:
+    return replace(ready, frame=inheriting(ready.frame, dropped.frame))
+
+
+class Queue(Generic[T]):
+    """Between two threads, for at most `MOST_WAITING` items.
+
+    Full, it drops its oldest, and the next becomes what `inheriting` makes of it and the dropped one; without
+    `inheriting` the giver waits.
+    """
+
+    def __init__(self, inheriting: Callable[[T, T], T] | None) -> None:
         self._items: deque[T] = deque()
-        self._drops, self._most = drops, most
+        self._inheriting = inheriting
         self._changed = threading.Condition()
         self._error: BaseException | None = None
         self._has_ended = self._is_closed = False
@@ -52,10 +71,11 @@ class Queue(Generic[T]):
     def put(self, item: T) -> None:
         """Give an item, waiting for room unless the queue drops, or is closed."""
         with self._changed:
-            if self._drops and len(self._items) >= self._most:
-                self._items.popleft()
+            if self._inheriting is not None and len(self._items) >= MOST_WAITING:
+                dropped = self._items.popleft()
+                self._items[0] = self._inheriting(self._items[0], dropped)
                 self.dropped += 1
-            while len(self._items) >= self._most and not self._is_closed:
+            while len(self._items) >= MOST_WAITING and not self._is_closed:
                 self._changed.wait(_LOOK_S)
             self._items.append(item)
             self._changed.notify_all()
@@ -107,8 +127,8 @@ class Paced(Generic[T]):
         self.stalls = 0
         """How often a recording was read more slowly than it was made, and its clock set anew."""
         self.faults = Faults()
-        self._read: Queue[tuple[LidarFrame, float]] = Queue(drops=realtime)
-        self._ready: Queue[Ready[T]] = Queue(drops=realtime)
+        self._read: Queue[_Read] = Queue(_read_after if realtime else None)
+        self._ready: Queue[Ready[T]] = Queue(_ready_after if realtime else None)
         self._ends = threading.Event()
         self._threads = [
             threading.Thread(target=work, name=name, daemon=True)
@@ -154,7 +174,7 @@ class Paced(Generic[T]):
                 if self._ends.is_set():
                     return
                 # Reading that is late does not make the sweep younger.
-                self._read.put((frame, min(due_s, time.monotonic())))
+                self._read.put(_Read(frame, min(due_s, time.monotonic())))
         except Exception as error:  # told to whoever takes the frames
             self._read.end(error)
         else:
@@ -162,14 +182,14 @@ class Paced(Generic[T]):
 
     def _preparing(self) -> None:
         try:
-            for frame, complete_s in self._read:
+            for read in self._read:
                 try:
-                    prepared, known = self._prepare(frame)
+                    prepared, known = self._prepare(read.frame)
                 except Exception as error:  # a fault in one frame ends no drive; too many in a row are raised
                     self.faults.add(error)
                     continue
                 self.faults.end_row()
-                self._ready.put(Ready(prepared, known, complete_s))
+                self._ready.put(Ready(prepared, known, read.complete_s))
         except Exception as error:  # told to whoever takes the frames
             self._ready.end(error)
         else:

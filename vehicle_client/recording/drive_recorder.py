@@ -139,9 +139,9 @@ class DriveRecorder:
             taken_s = frame.stamp_s if frame.image_stamp_s is None else frame.image_stamp_s
             taken_ns = sensors.stamp_ns(taken_s)
             self._channels.put("/camera", now_ns, sensors.jpeg(frame.image, taken_ns, "camera"))
-        if frame.gnss is not None:
-            fixed_s = frame.stamp_s if frame.gnss.stamp_s is None else frame.gnss.stamp_s
-            self._channels.put("/gnss", now_ns, sensors.location_fix(frame.gnss, sensors.stamp_ns(fixed_s)))
+        for fix in frame.fixes:
+            fixed_s = frame.stamp_s if fix.stamp_s is None else fix.stamp_s
+            self._channels.put("/gnss", now_ns, sensors.location_fix(fix, sensors.stamp_ns(fixed_s)))
         for motion in frame.motions:
             said = {"speed_mps": motion.speed_mps, "yaw_rate_rps": motion.yaw_rate_rps}
             self._put_state(min(sensors.stamp_ns(motion.stamp_s), now_ns), said)

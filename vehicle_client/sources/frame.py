@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
@@ -79,6 +80,25 @@ class LidarFrame:
     def fixes(self) -> tuple[GnssFix, ...]:
         """All fixes that it brings, in the order of time."""
         return self.earlier_fixes if self.gnss is None else (*self.earlier_fixes, self.gnss)
+
+
+MOST_INHERITED = 1_000
+"""Fixes, and motions: ten seconds of an inertial unit at 100 Hz. Odometry begins anew after less without a sweep."""
+
+
+def inheriting(frame: LidarFrame, dropped: LidarFrame) -> LidarFrame:
+    """The frame with the fixes and motions of one before it that is dropped: they are of the car, not of its sweep."""
+    fixes = (*(_stamped(fix, dropped.stamp_s) for fix in dropped.fixes), *frame.fixes)[-MOST_INHERITED:]
+    return replace(
+        frame,
+        gnss=fixes[-1] if fixes else None,
+        earlier_fixes=fixes[:-1],
+        motions=(*dropped.motions, *frame.motions)[-MOST_INHERITED:],
+    )
+
+
+def _stamped(fix: GnssFix, frame_s: float) -> GnssFix:
+    return fix if fix.stamp_s is not None and math.isfinite(fix.stamp_s) else replace(fix, stamp_s=frame_s)
 
 
 class Source(Protocol):

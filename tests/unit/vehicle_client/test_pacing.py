@@ -5,13 +5,15 @@ from __future__ import annotations
 import threading
 import time
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
+from contract.geometry import LatLon
 from vehicle_client.faults import MOST_IN_A_ROW
 from vehicle_client.pacing import MOST_WAITING, Paced, Queue
-from vehicle_client.sources.frame import LidarFrame
+from vehicle_client.sources.frame import MOST_INHERITED, GnssFix, LidarFrame, Motion, inheriting
 
 
 def frames(number: int, step_s: float = 0.01) -> Iterator[LidarFrame]:
@@ -108,10 +110,50 @@ def test_a_drive_that_stops_early_leaves_no_thread_behind(realtime: bool) -> Non
     assert threading.active_count() == before
 
 
-def test_a_queue_that_drops_keeps_the_latest() -> None:
-    queue: Queue[int] = Queue(drops=True)
+def test_a_queue_that_drops_keeps_the_latest_and_hands_on_what_the_dropped_leave() -> None:
+    queue: Queue[list[int]] = Queue(lambda item, dropped: [*dropped, *item])
     for number in range(10):
-        queue.put(number)
+        queue.put([number])
     queue.end()
-    assert list(queue) == list(range(10 - MOST_WAITING, 10))
+    assert list(queue) == [list(range(11 - MOST_WAITING)), *([number] for number in range(11 - MOST_WAITING, 10))]
     assert queue.dropped == 10 - MOST_WAITING
+
+
+def bringing(number: int) -> LidarFrame:
+    fix = GnssFix(LatLon(latitude_deg=38.0, longitude_deg=21.0 + number / 1e6), 0.0, None, 1.0, 2.0)
+    motion = Motion(number - 0.05, 5.0)
+    return LidarFrame(float(number), np.zeros((0, 3), np.float32), gnss=fix, motions=(motion,))
+
+
+def test_no_fix_and_no_motion_of_a_dropped_frame_is_lost() -> None:
+    taken: list[LidarFrame] = []
+    source = (bringing(number) for number in range(40))
+    with Paced(source, lambda frame: (frame, None), realtime=True, is_recorded=False) as paced:
+        for ready in paced:
+            time.sleep(0.01)
+            taken.append(ready.frame)
+    assert paced.dropped == 40 - len(taken) > 0
+    assert [fix.position for frame in taken for fix in frame.fixes] == [
+        bringing(n).fixes[0].position for n in range(40)
+    ]
+    assert [motion for frame in taken for motion in frame.motions] == [bringing(n).motions[0] for n in range(40)]
+    assert all(frame.gnss == frame.fixes[-1] for frame in taken)
+
+
+def test_a_fix_that_is_handed_on_keeps_the_moment_of_its_own_frame() -> None:
+    heir = inheriting(bringing(8), bringing(7))
+    assert [fix.stamp_s for fix in heir.fixes] == [7.0, None]
+    assert heir.stamp_s == 8.0
+
+
+def test_what_a_stall_of_hours_leaves_is_bounded_and_the_latest() -> None:
+    frame = bringing(0)
+    for number in range(1, 2 * MOST_INHERITED):
+        frame = inheriting(bringing(number), frame)
+    assert (len(frame.motions), len(frame.fixes)) == (MOST_INHERITED, MOST_INHERITED)
+    assert frame.motions[-1] == bringing(2 * MOST_INHERITED - 1).motions[0]
+
+
+def test_frames_without_fixes_inherit_none() -> None:
+    bare = replace(bringing(1), gnss=None, motions=())
+    assert inheriting(bare, bare).fixes == ()
