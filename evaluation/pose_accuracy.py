@@ -63,7 +63,7 @@ class PoseFigures:
 
 def traced(drive: PoseDrive) -> PoseTrace:
     """Fold a drive's frames into poses, and hold each against the truth."""
-    state, before = PoseFilter(), None
+    state, before = PoseFilter(delay_sd_s=drive.delay_sd_s), None
     tracker: Tracker = Wheels(WHEELBASE_M) if drive.frames[0].odom_from_vehicle is None else Given()
     rows = np.full((len(drive.frames), 8), math.nan)
     reasons: list[str | None] = []

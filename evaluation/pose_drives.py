@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from contract.geometry import LatLon
 from vehicle_client.frames import GeoOrigin, rigid, rotation_about_z
+from vehicle_client.positioning.pose_filter import DELAY_SD_S, KNOWN_DELAY_SD_S
 from vehicle_client.sources.frame import GnssFix, LidarFrame, Motion, SourceError
 
 FloatArray = NDArray[np.float64]
@@ -35,7 +36,10 @@ ORIGIN = GeoOrigin(LatLon(latitude_deg=49.01, longitude_deg=8.43), 115.0)
 
 @dataclass(frozen=True, slots=True)
 class PoseDrive:
-    """Frames without points, and the truth at their stamps: (N, 2) east and north about `origin`, yaw (N,), speed."""
+    """Frames without points, and the truth at their stamps: (N, 2) east and north about `origin`, yaw (N,), speed.
+
+    `delay_sd_s` is how well the moments of the fixes are known.
+    """
 
     name: str
     frames: tuple[LidarFrame, ...]
@@ -43,11 +47,12 @@ class PoseDrive:
     place_m: FloatArray
     yaw_rad: FloatArray
     speed_mps: FloatArray
+    delay_sd_s: float = DELAY_SD_S
 
 
-def recorded_city_drive(folder: Path, *, delay_s: float, steering: bool = True) -> PoseDrive:
-    """comma2k19's minute: fixes with course as they arrived, less `delay_s`; wheel speed, and the yaw rate of the
-    steering angle or none at all."""
+def recorded_city_drive(folder: Path, *, known_delay_s: float | None = None, steering: bool = True) -> PoseDrive:
+    """comma2k19's minute: fixes with course as they arrived, less a delay if it is known; wheel speed, and the yaw rate
+    of the steering angle or none at all."""
     path = folder / "drive_comma" / "drive.npz"
     try:
         with np.load(path) as file:
@@ -69,13 +74,14 @@ def recorded_city_drive(folder: Path, *, delay_s: float, steering: bool = True) 
             altitude_sd_m=2 * RECEIVER_SD_M,
             course_rad=math.radians(row[5]),
             speed_mps=row[2],
-            stamp_s=float(stamp) - delay_s,
+            stamp_s=float(stamp) - (known_delay_s or 0.0),
         )
         for stamp, row in zip(data["gnss_t"], data["gnss"], strict=True)
     ]
     frames = _frames(stamps, fixes, motions, data["gnss_t"])
     yaw = np.unwrap(np.arctan2(velocity[:, 1], velocity[:, 0]))
-    return PoseDrive("recorded, city", frames, origin, place[:, :2], yaw, np.hypot(*velocity[:, :2].T))
+    delay_sd_s = DELAY_SD_S if known_delay_s is None else KNOWN_DELAY_SD_S
+    return PoseDrive("recorded, city", frames, origin, place[:, :2], yaw, np.hypot(*velocity[:, :2].T), delay_sd_s)
 
 
 def _motions(data: dict[str, FloatArray], *, steering: bool) -> list[Motion]:

@@ -31,6 +31,7 @@ from vehicle_client.link.server_link import LinkStatus, ServerLink
 from vehicle_client.obstacle_map import ObstacleMap
 from vehicle_client.pacing import Paced, Ready
 from vehicle_client.positioning.pose import PoseFilter, StatedPlace
+from vehicle_client.positioning.pose_filter import DELAY_SD_S, KNOWN_DELAY_SD_S
 from vehicle_client.privacy.pseudonym import Pseudonyms
 from vehicle_client.privacy.quiet_zones import ZoneError, read_zones
 from vehicle_client.privacy.report_privacy import Privacy
@@ -146,7 +147,11 @@ def _run(asked: Asked, ending: Ending) -> Outcome:
             NobodyLink() if link is None else link,
             pseudonym=f"v-{token_hex(8)}",
             known=ObstacleMap() if store is None else store.load(),
-            pose_filter=PoseFilter(antenna_m=car.antenna_m, stated=_stated(asked.start)),
+            pose_filter=PoseFilter(
+                antenna_m=car.antenna_m,
+                delay_sd_s=DELAY_SD_S if car.delays.gnss_s is None else KNOWN_DELAY_SD_S,
+                stated=_stated(asked.start),
+            ),
         )
         recorder = _recorder(asked, car, stack)
         listeners: list[Listener] = [_progress(stack, source)]

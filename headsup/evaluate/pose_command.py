@@ -90,9 +90,11 @@ def _recorded(data: Path) -> Iterator[PoseDrive]:
     from evaluation.pose_drives import RECEIVER_DELAY_S, recorded_city_drive, recorded_loop_drive
 
     if (data / "drive_comma" / "drive.npz").exists():
-        yield replace(recorded_city_drive(data, delay_s=0.0), name=CITY)
-        yield replace(recorded_city_drive(data, delay_s=0.0, steering=False), name="recorded city, no steering")
-        yield replace(recorded_city_drive(data, delay_s=RECEIVER_DELAY_S), name="recorded city, 95 ms delay known")
+        yield replace(recorded_city_drive(data), name=CITY)
+        yield replace(recorded_city_drive(data, steering=False), name="recorded city, no steering")
+        yield replace(
+            recorded_city_drive(data, known_delay_s=RECEIVER_DELAY_S), name="recorded city, 95 ms delay known"
+        )
     if (data / "kitti00").is_dir():
         yield replace(recorded_loop_drive(data, seed=1), name=LOOPS)
 

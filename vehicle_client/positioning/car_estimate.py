@@ -53,14 +53,19 @@ class CarEstimate:
 
 
 def begun(
-    fix: GnssFix, at: PlanarPose, history: OdometryHistory, yaw: YawMeasurement, antenna_m: Vector
+    fix: GnssFix, at: PlanarPose, history: OdometryHistory, yaw: YawMeasurement, antenna_m: Vector, delay_sd_s: float
 ) -> CarEstimate:
-    """The car now, from a fix of its antenna (3,) at an earlier moment and the yaw now."""
+    """The car now, from a fix of its antenna (3,) at an earlier moment and the yaw now.
+
+    `delay_sd_s` is how well the moments of fixes are known.
+    """
     origin = GeoOrigin(fix.position, fix.altitude_m)
     up_m = float(history.poses[-1].place_m[2] - at.place_m[2] - antenna_m[2])
     return CarEstimate(
         origin,
-        pose_filter.started(_measured_place(origin, fix, at, history, antenna_m), yaw.yaw_rad, yaw.sd_rad),
+        pose_filter.started(
+            _measured_place(origin, fix, at, history, antenna_m), yaw.yaw_rad, yaw.sd_rad, delay_sd_s=delay_sd_s
+        ),
         height_filter.started(up_m, max(fix.altitude_sd_m, LEAST_SD_M)),
     )
 

@@ -121,9 +121,11 @@ class StatedPlace:
 
 @dataclass(frozen=True, slots=True)
 class PoseFilter:
-    """What the fold remembers. `antenna_m` (3,) is the place on the car that fixes are of which do not say it."""
+    """What the fold remembers. `antenna_m` (3,) is the place on the car that fixes are of which do not say it,
+    `delay_sd_s` how well their moments are known."""
 
     antenna_m: Vector = field(default_factory=lambda: np.zeros(3))
+    delay_sd_s: float = DELAY_SD_S
     stated: StatedPlace | None = None
     estimate: CarEstimate | None = None
     history: OdometryHistory = field(default_factory=OdometryHistory)
@@ -166,8 +168,13 @@ def _moved(state: PoseFilter, stamp_s: float, odom_from_vehicle: Matrix) -> Pose
     elapsed_s = now.stamp_s - before.stamp_s
     too_far = np.linalg.norm(now.place_m - before.place_m) > IMPOSSIBLE_MPS * max(elapsed_s, 1.0)
     if (too_far or elapsed_s > ODOMETRY_GAP_S) and state.stated is None:
-        return PoseFilter(antenna_m=state.antenna_m, history=OdometryHistory((now,)))
+        return _anew(state, OdometryHistory((now,)))
     return replace(state, history=history, estimate=car_estimate.moved(state.estimate, before, now))
+
+
+def _anew(state: PoseFilter, history: OdometryHistory) -> PoseFilter:
+    """What is left of the car, and its odometry."""
+    return PoseFilter(antenna_m=state.antenna_m, delay_sd_s=state.delay_sd_s, history=history)
 
 
 def _stamp(fix: GnssFix, frame: LidarFrame) -> float:
@@ -214,7 +221,7 @@ def _with_fix(state: PoseFilter, fix: GnssFix, stamp_s: float) -> PoseFilter:
     if verdict is Verdict.REJECTED:
         return state
     if verdict is Verdict.LOST:
-        return _begun(PoseFilter(antenna_m=state.antenna_m, history=state.history), fix, at)
+        return _begun(_anew(state, state.history), fix, at)
     if verdict is Verdict.AGREED:
         estimate = car_estimate.jumped(estimate, expected)
     else:
@@ -241,13 +248,13 @@ def _with_the_rest(state: PoseFilter, estimate: CarEstimate, fix: GnssFix, at: P
 def _begun(state: PoseFilter, fix: GnssFix, at: PlanarPose) -> PoseFilter:
     """An estimate at a fix, once the heading is known: said, from the course, or from the way since the first fix."""
     now = state.history.poses[-1]
-    yaw = measured_yaw(fix, at, state.history, -math.inf, StampDelay(0.0, DELAY_SD_S))
+    yaw = measured_yaw(fix, at, state.history, -math.inf, StampDelay(0.0, state.delay_sd_s))
     if yaw is None and state.first is not None:
         yaw = yaw_of_track(state.first, fix, at, now)
     if yaw is None or yaw.sd_rad > LARGEST_YAW_SD_RAD:
         first = state.first if state.first is not None and state.first.is_near(at) else FirstFix(fix, at)
         return replace(state, estimate=None, first=first)
-    begun = car_estimate.begun(fix, at, state.history, yaw, _antenna(state, fix))
+    begun = car_estimate.begun(fix, at, state.history, yaw, _antenna(state, fix), state.delay_sd_s)
     return replace(state, estimate=begun, first=None, last_fix_s=at.stamp_s, last_yaw_s=at.stamp_s)
 
 

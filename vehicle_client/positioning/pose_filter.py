@@ -57,6 +57,9 @@ DELAY_SD_S = 0.1
 """What stamps may be off as a whole: nothing where receivers stamp; where arrival is the stamp, autopilots allow u-blox
 receivers 95 ms (openpilot) to 110 ms (PX4's EKF2_GPS_DELAY)."""
 
+KNOWN_DELAY_SD_S = 0.02
+"""The same where somebody has measured the delay: to the jitter of a fix's stamp."""
+
 DELAY_LASTS_S = 36_000.0
 """A delay is its device's, and changes with the load on it: over a working day, not over a street."""
 
@@ -106,13 +109,13 @@ ANYWHERE_SD_M = 1_000.0
 """Of a place before its first fix: so much larger than a receiver's error that only the fix counts."""
 
 
-def started(fix: PlaceMeasurement, yaw_rad: float, yaw_sd_rad: float) -> PlaneFilter:
+def started(fix: PlaceMeasurement, yaw_rad: float, yaw_sd_rad: float, *, delay_sd_s: float = DELAY_SD_S) -> PlaneFilter:
     """A bank at a fix, whose errors are the fix's: its slow one, and what the car drove in the unknown delay."""
     count = len(ERROR_MODELS)
     mean = np.zeros((count, STATES))
     mean[:, YAW] = yaw_rad
     covariance = np.zeros((count, STATES, STATES))
-    for which, sd in ((YAW, yaw_sd_rad), (SCALE, SCALE_SD), (TURN, TURN_SD_RAD_PER_M), (DELAY, DELAY_SD_S)):
+    for which, sd in ((YAW, yaw_sd_rad), (SCALE, SCALE_SD), (TURN, TURN_SD_RAD_PER_M), (DELAY, delay_sd_s)):
         covariance[:, which, which] = sd**2
     return moved_to(PlaneFilter(mean, covariance, np.full(count, 1 / count)), fix)
 

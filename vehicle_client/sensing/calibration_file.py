@@ -110,7 +110,7 @@ class _Vehicle(_Table):
 
 
 class _Delays(_Table):
-    gnss: Delay = 0.0
+    gnss: Delay | None = None
     camera: Delay = 0.0
     motion: Delay = 0.0
 

@@ -14,9 +14,12 @@ overlay over a longer time would show what the driver no longer sees."""
 
 @dataclass(frozen=True, slots=True)
 class SensorDelays:
-    """How much later than its measurement each sensor's reading is stamped, seconds: measured once a vehicle."""
+    """How much later than its measurement each sensor's reading is stamped, seconds: measured once a vehicle.
 
-    gnss_s: float = 0.0
+    `gnss_s` may be None: nobody has measured it.
+    """
+
+    gnss_s: float | None = None
     camera_s: float = 0.0
     motion_s: float = 0.0
 
@@ -26,12 +29,13 @@ def aligned(frame: LidarFrame, delays: SensorDelays) -> LidarFrame:
 
     A reading without a stamp of its own has the frame's.
     """
+    gnss_s = delays.gnss_s or 0.0
     image_stamp_s = _earlier(frame.image_stamp_s, frame.stamp_s, delays.camera_s)
     fresh = abs(image_stamp_s - frame.stamp_s) <= IMAGE_LASTS_S
     return replace(
         frame,
-        gnss=None if frame.gnss is None else _fix_at(frame.gnss, frame.stamp_s, delays.gnss_s),
-        earlier_fixes=tuple(_fix_at(fix, frame.stamp_s, delays.gnss_s) for fix in frame.earlier_fixes),
+        gnss=None if frame.gnss is None else _fix_at(frame.gnss, frame.stamp_s, gnss_s),
+        earlier_fixes=tuple(_fix_at(fix, frame.stamp_s, gnss_s) for fix in frame.earlier_fixes),
         image=frame.image if fresh else None,
         image_stamp_s=image_stamp_s if fresh and frame.image is not None else None,
         motions=tuple(_motion_at(motion, delays.motion_s) for motion in frame.motions),

@@ -114,7 +114,7 @@ def test_every_kind_of_receiver_is_simulated() -> None:
 @pytest.mark.realdata
 @needs_city
 def test_on_the_recorded_city_drive_the_pose_is_honest_and_heads_right() -> None:
-    shown = figures([traced(recorded_city_drive(DATA, delay_s=0.0))])
+    shown = figures([traced(recorded_city_drive(DATA))])
     assert shown.coverage >= 0.9
     assert shown.median_m < 0.5 * shown.raw_median_m
     assert shown.heading_rms_deg < 1.0
@@ -124,8 +124,8 @@ def test_on_the_recorded_city_drive_the_pose_is_honest_and_heads_right() -> None
 @pytest.mark.realdata
 @needs_city
 def test_a_known_delay_of_the_receiver_takes_most_of_its_error() -> None:
-    drive = recorded_city_drive(DATA, delay_s=RECEIVER_DELAY_S)
-    assert figures([traced(drive)]).median_m < 0.6
+    drive = recorded_city_drive(DATA, known_delay_s=RECEIVER_DELAY_S)
+    assert figures([traced(drive)]).median_m < 0.5
 
 
 @pytest.mark.realdata
@@ -147,7 +147,7 @@ def test_on_recorded_loops_with_a_fix_a_second_the_pose_is_honest() -> None:
 
 def test_a_folder_that_is_not_the_recording_is_refused(tmp_path: Path) -> None:
     with pytest.raises(SourceError, match=r"drive\.npz"):
-        recorded_city_drive(tmp_path, delay_s=0.0)
+        recorded_city_drive(tmp_path)
     (tmp_path / "kitti00").mkdir()
     with pytest.raises(SourceError, match="KITTI"):
         recorded_loop_drive(tmp_path, seed=1)
