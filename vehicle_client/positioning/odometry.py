@@ -218,7 +218,9 @@ class ScanMatching(Tracker):
     def _twist(self) -> Twist | None:
         if len(self._stamps_s) < 2:
             return None
-        return twist_between(np.asarray(self._matcher.last_delta), self._stamps_s[1] - self._stamps_s[0])
+        # Also over a long step: the mean motion is nearer to the next one than KISS-ICP's, which is the step itself.
+        elapsed_s = self._stamps_s[1] - self._stamps_s[0]
+        return twist_between(np.asarray(self._matcher.last_delta), elapsed_s, ODOMETRY_GAP_S)
 
 
 def _matcher() -> Any:

@@ -47,12 +47,12 @@ class Spin:
         return np.asarray(-(turned % (2 * math.pi)) / (2 * math.pi * self.rate_hz), dtype=np.float32)
 
 
-def twist_between(before_from_now: Matrix, elapsed_s: float) -> Twist | None:
-    """The constant motion that leads from one pose of a frame to the next, (4, 4); None if the step is too long.
+def twist_between(before_from_now: Matrix, elapsed_s: float, longest_s: float = LONGEST_STEP_S) -> Twist | None:
+    """The constant motion that leads from one pose of a frame to the next, (4, 4); None for a step over `longest_s`.
 
     It is a screw (the logarithm of the rigid motion), so that a car in a curve moves on an arc.
     """
-    if not 0 < elapsed_s <= LONGEST_STEP_S or not np.isfinite(before_from_now).all():
+    if not 0 < elapsed_s <= longest_s or not np.isfinite(before_from_now).all():
         return None
     turn = Rotation.from_matrix(before_from_now[:3, :3]).as_rotvec()
     angle = float(np.linalg.norm(turn))

@@ -166,6 +166,15 @@ def test_where_sweeps_were_left_out_the_car_is_expected_farther_on() -> None:
     assert np.diff(places[5:]) == pytest.approx([3.2, 3.2, 3.2], abs=0.15)
 
 
+@pytest.mark.parametrize("left_out", [5, 12])
+def test_after_sweeps_that_were_left_out_the_car_is_expected_no_farther_than_it_drives(left_out: int) -> None:
+    """Half a second and more is too long to unbend a sweep by, and not for what the next sweep is to be laid on."""
+    after = 6 + left_out
+    found = driven(ScanMatching(np.eye(4)), [*range(6), *range(after, after + 4)], 8.0)
+    places = [pose[0, 3] for pose in found if pose is not None]
+    assert np.diff(places[5:]) == pytest.approx([0.8 * (left_out + 1), 0.8, 0.8, 0.8], abs=0.15)
+
+
 def test_after_a_gap_in_time_odometry_begins_anew() -> None:
     found = driven(ScanMatching(np.eye(4)), [0, 1, 2, 30, 31, 32], 5.0)
     assert found[3] == pytest.approx(np.eye(4), abs=1e-6)
