@@ -7,6 +7,7 @@ import os
 from collections.abc import AsyncIterator
 from contextlib import AsyncExitStack, asynccontextmanager
 from pathlib import Path
+from typing import Self
 
 import asyncpg
 from sqlalchemy import Connection, event
@@ -25,8 +26,17 @@ from server.storage.write_health import WriteHealth, storage_failure
 _BUSY_TIMEOUT_MS = 2_000
 # A page of the widest search takes a second; a database that stands still must not hold its readers for ever.
 _READ_DEADLINE_S = 10.0
-# PostgreSQL: serialization failure, deadlock, unique violation, too many connections; shut down, crashed, starting.
-_STATES_WORTH_A_RETRY = frozenset({"40001", "40P01", "23505", "53300", "57P01", "57P02", "57P03"})
+# Ending a transaction takes some milliseconds, and seconds on a disk that is busy: later nobody is there who answers.
+_ENDING_S = 10.0
+# Our longest pause within a transaction is a second. A server that was cut off must not hold its tiles for the two
+# hours after which PostgreSQL's host gives its connection up.
+_ABANDONED_MS = 30_000
+# PostgreSQL: serialization failure, deadlock, unique violation, too many connections; shut down, crashed, starting;
+# cancelled by an administrator or a time-out, lock not had in time, idle for too long in a transaction; a statement
+# prepared before its tables were altered.
+_STATES_WORTH_A_RETRY = frozenset(
+    {"40001", "40P01", "23505", "53300", "57P01", "57P02", "57P03", "57014", "55P03", "25P03", "0A000"}
+)
 _SQLITE_WORTH_A_RETRY = ("database is locked", "UNIQUE constraint failed")
 # While it starts, asyncpg's own errors come through SQLAlchemy as they are.
 _NOT_CONNECTED = (OSError, DBAPIError, PoolTimeoutError, asyncpg.PostgresError, asyncpg.InterfaceError)
@@ -58,6 +68,8 @@ class Database:
             _make_file(Path(engine.url.database or ""))
             event.listen(engine.sync_engine, "connect", _configure_sqlite)
             event.listen(engine.sync_engine, "begin", _begin_sqlite)
+        else:
+            event.listen(engine.sync_engine, "connect", _configure_postgres)
         return cls(engine)
 
     @property
@@ -79,8 +91,8 @@ class Database:
         Raises `UnavailableError` when the database is lost meanwhile, or does not answer in time.
         """
         try:
-            async with asyncio.timeout(_READ_DEADLINE_S), AsyncExitStack() as stack:
-                yield await self._connected(stack)
+            async with asyncio.timeout(_READ_DEADLINE_S), self._transaction(writes=False) as connection:
+                yield connection
         except TimeoutError:
             raise UnavailableError("the database did not answer in time") from None
         except DBAPIError as error:
@@ -91,8 +103,7 @@ class Database:
     @asynccontextmanager
     async def snapshot(self) -> AsyncIterator[AsyncConnection]:
         """A connection on which all reading, however long, sees one state."""
-        async with AsyncExitStack() as stack:
-            connection = await self._connected(stack)
+        async with self._transaction(writes=False) as connection:
             if not self.is_sqlite:
                 # Of SQLite every transaction is one.
                 await connection.execution_options(isolation_level="REPEATABLE READ")
@@ -106,7 +117,7 @@ class Database:
         """
         try:
             with self.writes.watched():
-                async with self._writing() as connection:
+                async with self._transaction(writes=True) as connection:
                     yield connection
         except DBAPIError as error:
             if failure := storage_failure(error):
@@ -124,13 +135,18 @@ class Database:
             raise UnavailableError("the database takes no writes") from error
 
     @asynccontextmanager
-    async def _writing(self) -> AsyncIterator[AsyncConnection]:
+    async def _transaction(self, *, writes: bool) -> AsyncIterator[AsyncConnection]:
         async with AsyncExitStack() as stack:
-            if self._writer is not None:
+            if writes and self._writer is not None:
                 await stack.enter_async_context(self._writer)
+            ending = stack.enter_context(_Ending())
             connection = await self._connected(stack)
-            await connection.execution_options(**{_WRITES: True})
-            await stack.enter_async_context(connection.begin())
+            driver = (await connection.get_raw_connection()).driver_connection
+            if writes:
+                await connection.execution_options(**{_WRITES: True})
+                await stack.enter_async_context(connection.begin())
+            if isinstance(driver, asyncpg.Connection):
+                stack.callback(ending.begins, driver)
             yield connection
 
     async def _connected(self, stack: AsyncExitStack) -> AsyncConnection:
@@ -144,6 +160,27 @@ class Database:
         if self.driver is not None:
             await self.driver.close()
         await self._engine.dispose()
+
+
+class _Ending:
+    """The end of a transaction on PostgreSQL, cut off when it takes too long.
+
+    A peer that was lost without a word answers neither a commit nor a rollback; all reports would wait for it.
+    """
+
+    def __init__(self) -> None:
+        self._timer: asyncio.TimerHandle | None = None
+
+    def begins(self, driver: asyncpg.Connection) -> None:
+        """From now on it may take `_ENDING_S`."""
+        self._timer = asyncio.get_running_loop().call_later(_ENDING_S, driver.terminate)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        if self._timer is not None:
+            self._timer.cancel()
 
 
 def is_worth_a_retry(error: DBAPIError) -> bool:
@@ -178,6 +215,14 @@ def _configure_sqlite(connection: DBAPIConnection, _entry: ConnectionPoolEntry) 
     for pragma in ("journal_mode=WAL", "synchronous=FULL", "foreign_keys=ON", f"busy_timeout={_BUSY_TIMEOUT_MS}"):
         cursor.execute(f"PRAGMA {pragma}")
     cursor.close()
+
+
+def _configure_postgres(connection: DBAPIConnection, _entry: ConnectionPoolEntry) -> None:
+    # Not among the parameters of the connection: poolers refuse those that they do not know.
+    cursor = connection.cursor()
+    cursor.execute(f"SET idle_in_transaction_session_timeout = {_ABANDONED_MS}")
+    cursor.close()
+    connection.commit()
 
 
 def _begin_sqlite(connection: Connection) -> None:
