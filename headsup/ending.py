@@ -34,7 +34,9 @@ class Ending:
         self._stop = stop
 
     def _end(self, number: int, frame: FrameType | None) -> None:
-        signal.signal(number, signal.default_int_handler)
+        # Whichever of them comes second: who has pressed Ctrl-C in vain sends SIGTERM.
+        for either in NUMBERS:
+            signal.signal(either, signal.default_int_handler)
         if self._stop is None:
             raise EndedEarly
         self._stop()
