@@ -27,6 +27,7 @@ def as_json(outcome: Outcome) -> str:
         else {
             "way": link.way,
             "waiting": link.waiting,
+            "unwritten": link.unwritten,
             "trouble": link.trouble,
             "fates": dict(link.fates),
             "unreached_s": link.unreached_s,
@@ -76,7 +77,10 @@ def in_words(link: LinkStatus, server: str | None) -> str:
     said = link.trouble or WAYS[link.way]
     if link.trouble is None and link.unreached_s is not None:
         said = f"{server} never reached in {link.unreached_s:.0f} s"
-    return f"{said}; {link.waiting} report(s) wait" + (" for the next drive" if link.waiting else "")
+    unwritten = min(link.unwritten, link.waiting)
+    stored = link.waiting - unwritten
+    lost = f"; {unwritten} report(s) are lost: no disk took them" if unwritten else ""
+    return f"{said}; {stored} report(s) wait" + (" for the next drive" if stored else "") + lost
 
 
 def _with(total: int, parts: Mapping[str, int]) -> str:

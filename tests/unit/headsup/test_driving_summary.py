@@ -10,6 +10,12 @@ from vehicle_client.link.server_link import LinkStatus
 SERVER = "https://hazards.example"
 
 
+def test_reports_that_no_disk_took_do_not_wait_for_the_next_drive() -> None:
+    said = in_words(LinkStatus("none", 7, 5, "out/outbox.sqlite3: Read-only file system", {}, None), SERVER)
+    assert "2 report(s) wait for the next drive" in said
+    assert "5 report(s) are lost" in said
+
+
 @pytest.mark.parametrize(
     ("way", "waiting", "trouble", "unreached_s", "said"),
     [
