@@ -31,8 +31,8 @@ from vehicle_client.link.server_link import Link
 from vehicle_client.moments import Due
 from vehicle_client.obstacle_map import ObstacleMap
 from vehicle_client.positioning import pose
-from vehicle_client.positioning.odometry_history import ODOMETRY_GAP_S
-from vehicle_client.positioning.pose import IMPOSSIBLE_MPS, Pose, PoseFilter
+from vehicle_client.positioning.odometry_history import ODOMETRY_GAP_S, has_begun_anew
+from vehicle_client.positioning.pose import Pose, PoseFilter
 from vehicle_client.sensing.calibration import CameraCalibration, VehicleCalibration, curvature_of
 from vehicle_client.sources.frame import LidarFrame
 from vehicle_client.tracking import Track, Tracks
@@ -71,7 +71,7 @@ class Measured:
 class Step:
     """All that one frame brought: for the driver, for a recording, for whoever wants to understand a drive.
 
-    `reason` says why there is no pose that anything is reported or shown with, None when there is one. `detection` is
+    `reason` says why nothing is reported, and without a pose why nothing is shown; None when both are. `detection` is
     of the sweep alone, `found` what the last sweeps show together, in `sensor`.
     """
 
@@ -87,6 +87,11 @@ class Step:
     told: tuple[Heard, ...] = ()
     reports: tuple[ObservationReport, ...] = ()
     answers: tuple[Answer, ...] = ()
+
+    @property
+    def reported_pose(self) -> Pose | None:
+        """The pose if it may be told, too: one that somebody has only stated may not."""
+        return self.pose if self.reason is None else None
 
 
 class Vehicle:
@@ -141,7 +146,7 @@ class Vehicle:
         if detection is None:
             detection = detect(sweep)
         self._pose_filter, placed = pose.update(self._pose_filter, frame)
-        here = placed.pose if placed.reason is None else None
+        here = placed.pose
         found = self._found(sweep, detection, frame.stamp_s)
         if here is None:
             tracks, shown = self._tracks.tracks, Alerts(fresh=False)
@@ -151,14 +156,14 @@ class Vehicle:
         alignment = self._alignment(here)
         self._alerts = alerts.choose(self._alerts, self._known, self._tracks.tracks, here, here.stamp_s, alignment)
         tracks, shown = self._tracks.tracks, self._alerts
-        return Step(frame, here, None, detection, found, tracks, (), self._known, shown, told, (), answered)
+        return Step(frame, here, placed.reason, detection, found, tracks, (), self._known, shown, told, (), answered)
 
     def tell(self, seen: Step) -> Step:
         """The step with what is measured and reported at it; `seen` is the latest that `see` gave.
 
-        Without a pose obstacles are measured, but nothing is reported.
+        Without a pose that may be told obstacles are measured, but nothing is reported.
         """
-        sweep, here = detector_input(seen.frame, self._calibration), seen.pose
+        sweep, here = detector_input(seen.frame, self._calibration), seen.reported_pose
         alignment = UNALIGNED if here is None else self._alignment(here)
         measured = self._measured(here, sweep, alignment, at_end=False)
         reports = () if here is None else self._reports(here, alignment, measured, at_end=False)
@@ -167,7 +172,7 @@ class Vehicle:
 
     def finish(self, last: Step) -> Step:
         """End the drive: measure and report what was not yet passed by far enough, and hear the answers."""
-        sweep, here = detector_input(last.frame, self._calibration), last.pose
+        sweep, here = detector_input(last.frame, self._calibration), last.reported_pose
         alignment = UNALIGNED if here is None else self._alignment(here)
         measured: tuple[Measured, ...] = ()
         reports: tuple[ObservationReport, ...] = ()
@@ -202,7 +207,7 @@ class Vehicle:
         """Forget the road behind when odometry has: its frame is another one then."""
         before_s, before_m = self._odometry_before
         elapsed_s, moved_m = stamp_s - before_s, float(np.linalg.norm(odom_from_sensor[:3, 3] - before_m))
-        if not 0 <= elapsed_s <= ODOMETRY_GAP_S or moved_m > IMPOSSIBLE_MPS * max(elapsed_s, 1.0):
+        if not 0 <= elapsed_s <= ODOMETRY_GAP_S or has_begun_anew(moved_m, elapsed_s):
             self._accumulator, self._tracks = Accumulator(), Tracks(next_id=self._tracks.next_id)
         self._odometry_before = stamp_s, odom_from_sensor[:3, 3]
 

@@ -81,7 +81,7 @@ class Totals:
         """Count a frame."""
         self.frames += 1
         self.no_road += not step.detection.road_seen
-        self.placed += step.pose is not None
+        self.placed += step.reported_pose is not None
         if step.reason is not None:
             # A car that stands in a garage for a month would have a reason of its own for each second.
             self.reasons[re.sub(r"\d+", "N", step.reason)] += 1
@@ -93,7 +93,9 @@ class Totals:
         self.tracks += len(believed - self._believed)
         self.moving += len(moving - self._moving)
         self._believed, self._moving = believed, (self._moving | moving) & believed
-        self._add_warned(step.alerts)
+        if step.pose is not None:
+            # Of a frame without a place nothing is shown, and nothing is passed: what comes after is no new warning.
+            self._add_warned(step.alerts)
         self.add_told(step)
 
     def add_told(self, step: Step) -> None:

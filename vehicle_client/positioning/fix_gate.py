@@ -20,6 +20,9 @@ car passes them."""
 LOST_AFTER_S = 20.0
 """When nothing was believed so long while fixes came, it is the pose that is wrong: it begins anew."""
 
+SILENT_S = 5.0
+"""What was refused before a longer silence (a tunnel, whose mouth reflects) says nothing of the fixes after it."""
+
 FROZEN_M = 2.0
 """The very same digits though the car moved so far: no receiver's noise is that small."""
 
@@ -50,6 +53,11 @@ class FixGate:
     held: LatLon | None = None
     held_at_odom_m: Vector | None = None
 
+    @property
+    def last_refused_s(self) -> float | None:
+        """When the last fix was that was not believed; None if one has been believed since."""
+        return self.agreeing[-1].stamp_s if self.agreeing else None
+
     def sees(self, position: LatLon, odom_m: Vector) -> tuple[FixGate, bool]:
         """The gate after a position came in at a place (3,) in `odom`, and whether the receiver has frozen."""
         if position != self.held or self.held_at_odom_m is None:
@@ -62,6 +70,9 @@ class FixGate:
         """The gate after an innovation (2,) with its covariance (2, 2), and what becomes of the fix."""
         if float(innovation_m @ np.linalg.solve(covariance_m2, innovation_m)) <= GATE:
             return replace(self, agreeing=(), refused_since_s=None), Verdict.BELIEVED
+        last_s = self.last_refused_s
+        if last_s is not None and stamp_s - last_s > SILENT_S:
+            return replace(self, agreeing=(), refused_since_s=None).judges(stamp_s, innovation_m, covariance_m2, sd_m)
         since_s = stamp_s if self.refused_since_s is None else self.refused_since_s
         agreeing = (*self._that_agree(innovation_m, sd_m), Rejected(stamp_s, innovation_m))
         if len(agreeing) >= AGREED_FIXES and stamp_s - agreeing[0].stamp_s >= AGREED_AFTER_S:

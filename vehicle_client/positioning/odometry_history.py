@@ -16,6 +16,9 @@ REMEMBERED_S = 1.5
 ODOMETRY_GAP_S = 1.5
 """After a longer silence nobody knows the way since: a car that brakes is metres from where its last speed leads."""
 
+IMPOSSIBLE_MPS, LEAST_STEP_S = 100.0, 0.2
+"""Odometry that moves faster has begun anew; stamps of neighbouring poses err by up to a sweep or two."""
+
 MOST_POSES = 256
 """More than 1.5 s of a sensor at 100 Hz."""
 
@@ -60,6 +63,11 @@ class OdometryHistory:
         if stamps[after] == stamp_s:
             return self.poses[after]
         return between(self.poses[after - 1], self.poses[after], stamp_s)
+
+
+def has_begun_anew(moved_m: float, elapsed_s: float) -> bool:
+    """Whether a step of odometry is one that no car makes."""
+    return moved_m > IMPOSSIBLE_MPS * max(elapsed_s, LEAST_STEP_S)
 
 
 def between(one: PlanarPose, other: PlanarPose, stamp_s: float) -> PlanarPose:

@@ -28,7 +28,13 @@ from vehicle_client.positioning import car_estimate, pose_filter
 from vehicle_client.positioning.car_estimate import CarEstimate
 from vehicle_client.positioning.fix_gate import FixGate, Verdict
 from vehicle_client.positioning.heading import FirstFix, StampDelay, measured_yaw, yaw_of_track
-from vehicle_client.positioning.odometry_history import ODOMETRY_GAP_S, REMEMBERED_S, OdometryHistory, PlanarPose
+from vehicle_client.positioning.odometry_history import (
+    ODOMETRY_GAP_S,
+    REMEMBERED_S,
+    OdometryHistory,
+    PlanarPose,
+    has_begun_anew,
+)
 from vehicle_client.positioning.pose_filter import DELAY_SD_S, YAW
 from vehicle_client.positioning.speed_scale import measured_scale
 from vehicle_client.sources.frame import GnssFix, LidarFrame
@@ -47,9 +53,6 @@ LARGEST_YAW_SD_RAD = 0.1
 
 MOUNTED_YAW_SD_RAD = math.radians(0.3)
 """How well antennas, inertial units and LiDARs are aligned with the car; no averaging helps."""
-
-IMPOSSIBLE_MPS = 100.0
-"""Odometry that moves faster has begun anew."""
 
 WAITING_FIXES = 16
 """Fixes stamped after the frame that brought them: up to a second of a fast receiver."""
@@ -105,7 +108,7 @@ class Pose:
 
 @dataclass(frozen=True, slots=True)
 class PoseUpdate:
-    """The pose after a frame, and why nothing may be reported or shown; a pose with a reason is for counting only."""
+    """The pose after a frame, and why nothing may be reported: a pose with a reason is for the driver only."""
 
     pose: Pose | None
     reason: str | None
@@ -166,14 +169,14 @@ def _moved(state: PoseFilter, stamp_s: float, odom_from_vehicle: Matrix) -> Pose
         return replace(state, history=history)
     before, now = state.history.poses[-1], history.poses[-1]
     elapsed_s = now.stamp_s - before.stamp_s
-    too_far = np.linalg.norm(now.place_m - before.place_m) > IMPOSSIBLE_MPS * max(elapsed_s, 1.0)
-    if (too_far or elapsed_s > ODOMETRY_GAP_S) and state.stated is None:
+    moved_m = float(np.linalg.norm(now.place_m - before.place_m))
+    if elapsed_s > ODOMETRY_GAP_S or has_begun_anew(moved_m, elapsed_s):
         return _anew(state, OdometryHistory((now,)))
     return replace(state, history=history, estimate=car_estimate.moved(state.estimate, before, now))
 
 
 def _anew(state: PoseFilter, history: OdometryHistory) -> PoseFilter:
-    """What is left of the car, and its odometry."""
+    """What is left of the car, and its odometry; also of a stated place, since nobody knows the way from there."""
     return PoseFilter(antenna_m=state.antenna_m, delay_sd_s=state.delay_sd_s, history=history)
 
 
@@ -260,7 +263,7 @@ def _begun(state: PoseFilter, fix: GnssFix, at: PlanarPose) -> PoseFilter:
 
 def _reason_for_none(state: PoseFilter, stamp_s: float) -> str | None:
     if state.stated is not None:
-        return None
+        return None if state.estimate is None else _reason_to_doubt(state.estimate)
     age_s = stamp_s - state.last_fix_s
     if state.clock_off_s is not None and age_s > DOUBTED_AFTER_S:
         return f"the satellite fixes' clock is {abs(state.clock_off_s):.0f} s off"
@@ -268,7 +271,8 @@ def _reason_for_none(state: PoseFilter, stamp_s: float) -> str | None:
         return "no satellite fix yet" if state.first is None else "heading unknown: drive on"
     if age_s > STALE_AFTER_S:
         return f"the last satellite fix is {age_s:.0f} s old"
-    if state.gate.refused_since_s is not None and age_s > DOUBTED_AFTER_S:
+    refused_s = state.gate.last_refused_s
+    if refused_s is not None and refused_s - state.last_fix_s > DOUBTED_AFTER_S:
         return "satellite fixes contradict odometry"
     return _reason_to_doubt(state.estimate)
 

@@ -10,12 +10,14 @@ import pytest
 
 from contract.events import Appeared, ServerMessage
 from contract.observation import ObservationReport, ReportResult
-from tests.unit.vehicle_client.making import PATRAS, feature, planar
+from tests.unit.vehicle_client.making import ORIGIN, PATRAS, feature, planar
 from vehicle_client.drive import Step, Vehicle
 from vehicle_client.frames import rigid
 from vehicle_client.link.server_link import ServerLink
+from vehicle_client.positioning.pose import ODOMETRY_ALONE, PoseFilter, StatedPlace
 from vehicle_client.sensing.calibration import VehicleCalibration
 from vehicle_client.sources.frame import GnssFix, LidarFrame
+from vehicle_client.totals import Totals
 
 CALIBRATION = VehicleCalibration(rigid(np.eye(3), np.array([0.0, 0.0, 2.4])), sensor="test")
 
@@ -74,6 +76,31 @@ def test_without_a_pose_obstacles_are_detected_but_nothing_is_said_or_shown(lost
     assert link.reports == []
 
 
+def test_from_a_stated_place_the_driver_is_warned_and_nothing_is_reported() -> None:
+    known = feature(east_m=20.0)
+    link = HeldLink(Appeared(position_seq=1, obstacle=known))
+    stated = PoseFilter(stated=StatedPlace(ORIGIN, np.pi / 2))
+    vehicle, totals = Vehicle(CALIBRATION, link, pseudonym="car", pose_filter=stated), Totals()
+    shown = set()
+    for number in range(45):
+        step = vehicle.step(replace(frame_at(number * 1.0, number / 10), gnss=None))
+        shown |= {hazard.obstacle_id for hazard in step.alerts.hazards}
+        totals.add(step)
+    end = vehicle.finish(step)
+    assert shown == {known.id}
+    assert (step.reason, end.reports, link.reports) == (ODOMETRY_ALONE, (), [])
+    assert (totals.warned, totals.placed, totals.reports) == (1, 0, 0)
+
+
+def test_an_obstacle_is_warned_of_once_though_the_place_is_lost_for_a_frame_now_and_then() -> None:
+    link = HeldLink(Appeared(position_seq=1, obstacle=feature(east_m=30.0)))
+    vehicle, totals = Vehicle(CALIBRATION, link, pseudonym="car"), Totals()
+    for number in range(20):
+        frame = frame_at(number * 0.5, number / 10)
+        totals.add(vehicle.step(replace(frame, odom_from_vehicle=None) if number % 5 == 4 else frame))
+    assert (totals.warned, totals.placed) == (1, 16)
+
+
 def test_a_sound_road_brings_no_report() -> None:
     link = HeldLink()
     vehicle = Vehicle(CALIBRATION, link, pseudonym="car")
@@ -108,7 +135,7 @@ def test_without_a_server_the_drive_goes_on_and_the_link_says_nothing(tmp_path: 
     assert not step.alerts.fresh
 
 
-@pytest.mark.parametrize(("x_m", "after_s", "begins_anew"), [(11.0, 0.1, False), (11.0, 2.0, True), (500.0, 0.1, True)])
+@pytest.mark.parametrize(("x_m", "after_s", "begins_anew"), [(11.0, 0.1, False), (11.0, 2.0, True), (-40.0, 0.1, True)])
 def test_after_a_gap_of_odometry_the_road_behind_is_forgotten(x_m: float, after_s: float, begins_anew: bool) -> None:
     vehicle = Vehicle(CALIBRATION, HeldLink(), pseudonym="car")
     driven(vehicle, frames=11)

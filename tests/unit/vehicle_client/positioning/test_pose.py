@@ -258,6 +258,24 @@ def test_while_fixes_contradict_odometry_for_long_there_is_no_pose_until_they_ag
     assert east_north_m(moved) == pytest.approx([169, 50], abs=0.5)
 
 
+def test_a_reflection_before_a_tunnel_costs_no_pose_in_it() -> None:
+    """One fix that is not believed, and then none: nothing contradicts the pose any more."""
+    state, _ = along_x(100)
+    state, _ = along_x(1, first=100, state=state, north_m=50.0)
+    _, found = without_fixes(state, 101, 50)
+    assert found.reason is None
+    assert east_north_m(found) == pytest.approx([150, 0], abs=0.5)
+
+
+def test_a_reflection_at_either_end_of_a_tunnel_does_not_move_the_pose() -> None:
+    state, _ = along_x(100)
+    state, _ = along_x(1, first=100, state=state, north_m=50.0)
+    state, _ = without_fixes(state, 101, 250)
+    state, _ = along_x(3, first=351, state=state, north_m=-80.0)
+    _, found = along_x(5, first=354, state=state)
+    assert east_north_m(found) == pytest.approx([358, 0], abs=1.0)
+
+
 def test_fixes_that_jump_about_never_win() -> None:
     state, random = along_x(100)[0], np.random.default_rng(3)
     for number in range(100, 200):
@@ -299,6 +317,13 @@ def test_odometry_that_begins_anew_begins_the_pose_anew() -> None:
     assert east_north_m(found) == pytest.approx([50, 0], abs=0.01)
     assert found.pose is not None
     assert found.pose.heading_rad == pytest.approx(EAST)
+
+
+def test_odometry_that_begins_anew_within_a_street_does_so_too() -> None:
+    """A node that was started again: 40 m in a tenth of a second are no car's."""
+    state, _ = along_x(41)
+    _, found = update(state, frame_at(NOON_S + 4.1, planar(0, 0, 2.0), fix_at(41, 0, EAST)))
+    assert east_north_m(found) == pytest.approx([41, 0], abs=0.01)
 
 
 def test_after_a_gap_of_odometry_the_pose_begins_anew_at_the_next_fix() -> None:
@@ -394,11 +419,23 @@ def test_a_report_carries_the_pose_s_covariance_also_between_east_and_north() ->
 def test_a_drive_without_satellites_goes_on_from_a_stated_place_and_says_so() -> None:
     state = PoseFilter(stated=StatedPlace(ORIGIN, EAST))
     state, begun = without_fixes(state, 0, 1)
-    _, found = without_fixes(state, 1, 3_000)
+    state, found = without_fixes(state, 1, 200)
     assert begun.reason == found.reason == ODOMETRY_ALONE
-    assert east_north_m(found) == pytest.approx([3_000, 0], abs=1.0)
+    assert east_north_m(found) == pytest.approx([200, 0], abs=0.1)
     assert begun.pose is not None and found.pose is not None  # noqa: PT018
     assert found.pose.sd_m > 10 * begun.pose.sd_m
+    _, far = without_fixes(state, 201, 300)
+    assert far.pose is None
+    assert far.reason is not None
+    assert far.reason.startswith("place unsure")
+
+
+@pytest.mark.parametrize(("x_m", "after_s"), [(-40.0, 0.1), (12.0, 2.0)])
+def test_a_stated_place_ends_where_odometry_begins_anew(x_m: float, after_s: float) -> None:
+    """Nobody knows the way from there: a car that goes on from where odometry put it is another place's."""
+    state, _ = without_fixes(PoseFilter(stated=StatedPlace(ORIGIN, EAST)), 0, 11)
+    _, found = update(state, frame_at(NOON_S + 1.0 + after_s, planar(x_m, 0, 0.0), None))
+    assert found == PoseUpdate(None, "no satellite fix yet")
 
 
 def test_a_fix_ends_the_drive_on_a_stated_place() -> None:
