@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vehicle_client.alerts import Alerts, Stage
-from vehicle_client.drive import Step
-from vehicle_client.moments import Moment
+from vehicle_client.drive import Measured, Step
+from vehicle_client.moments import Moment, is_post_beside_the_lane
 
 LATEST_MS = 10_000
 """Whoever hears of an obstacle later has passed it; later counts as this."""
@@ -62,7 +62,8 @@ class Totals:
     moving: int = 0
     """Of those, what moved: never reported."""
     measured: Counter[str] = field(default_factory=Counter)
-    """Obstacles that were measured after they were passed (or at the end), by kind."""
+    """Obstacles that were measured after they were passed (or at the end), by kind; posts beside the lane, which nobody
+    is told of, by that name."""
     reports: int = 0
     reported: int = 0
     """Detections in reports."""
@@ -100,7 +101,7 @@ class Totals:
 
     def add_told(self, step: Step) -> None:
         """Count what a step measured, told and heard; all that the end of a drive brings."""
-        self.measured.update(m.due.track.kind.value for m in step.measured if m.due.moment is not Moment.APPROACH)
+        self.measured.update(_kind(m) for m in step.measured if m.due.moment is not Moment.APPROACH)
         self.reports += len(step.reports)
         self.reported += sum(len(report.detections) for report in step.reports)
         self.inspected.update(i.outcome.value for report in step.reports for i in report.inspections)
@@ -130,3 +131,8 @@ class Totals:
         by_name = ("reasons", "measured", "inspected", "answers")
         latency = {f"p{percent}_ms": self.latency.percentile_ms(percent) for percent in (50, 95, 99)}
         return counted | {name: dict(getattr(self, name)) for name in by_name} | {"stamp_to_alert": latency}
+
+
+def _kind(measured: Measured) -> str:
+    track = measured.due.track
+    return "post" if is_post_beside_the_lane(track, measured.obstacle) else track.kind.value
