@@ -63,7 +63,9 @@ def matrix_m2(covariance: PlaneCovariance) -> Symmetric:
 def covariance_of(matrix: Symmetric) -> PlaneCovariance:
     """A positive semi-definite matrix as a covariance; rounding beyond perfect correlation is undone."""
     limit = math.sqrt(matrix.xx * matrix.yy)
-    return PlaneCovariance(east_m2=matrix.xx, north_m2=matrix.yy, east_north_m2=max(-limit, min(limit, matrix.xy)))
+    within_m2 = max(-limit, min(limit, matrix.xy))
+    # SQLite keeps no sign of a zero, PostgreSQL does: added to one, it has none.
+    return PlaneCovariance(east_m2=matrix.xx + 0.0, north_m2=matrix.yy + 0.0, east_north_m2=within_m2 + 0.0)
 
 
 def greatest_sd_m(covariance: PlaneCovariance) -> float:

@@ -18,8 +18,8 @@ def measured_place(origin: Origin, detection: Detection) -> Place:
     return Place(
         position=offset_from(origin.position, detection.east_m, detection.north_m),
         covariance=covariance_of(_measured_m2(origin, detection)),
-        altitude_m=origin.altitude_m + detection.up_m,
-        altitude_sd_m=origin.altitude_sd_m,
+        altitude_m=origin.altitude_m + detection.up_m + 0.0,
+        altitude_sd_m=origin.altitude_sd_m + 0.0,
     )
 
 

