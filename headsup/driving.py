@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 import time
 from collections.abc import Iterator, Sequence
@@ -223,6 +224,8 @@ def _stated(start: str | None) -> StatedPlace | None:
         return None
     try:
         latitude_deg, longitude_deg, altitude_m, heading_deg = (float(word) for word in start.split(","))
+        if not math.isfinite(altitude_m + heading_deg):
+            raise ValueError("neither infinite nor no number")
         origin = GeoOrigin(LatLon(latitude_deg=latitude_deg, longitude_deg=longitude_deg), altitude_m)
     except ValueError as error:
         raise DriveError(
@@ -232,8 +235,9 @@ def _stated(start: str | None) -> StatedPlace | None:
 
 
 def _state_folder(asked: Asked) -> Path:
-    home = Path(os.environ.get("XDG_STATE_HOME") or Path.home() / ".local" / "state")
-    folder = asked.state or home / "headsup"
+    folder = asked.state
+    if folder is None:
+        folder = Path(os.environ.get("XDG_STATE_HOME") or Path.home() / ".local" / "state") / "headsup"
     # What waits there says where the car was.
     folder.mkdir(mode=0o700, parents=True, exist_ok=True)
     return folder

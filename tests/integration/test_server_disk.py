@@ -13,7 +13,10 @@ import httpx
 import psutil
 import pytest
 from fastapi import FastAPI
+from sqlalchemy import event
 from sqlalchemy.engine import make_url
+from sqlalchemy.engine.interfaces import DBAPIConnection
+from sqlalchemy.pool import ConnectionPoolEntry
 
 from server.settings import Settings
 from server.storage.database import Database
@@ -40,15 +43,20 @@ async def read_only(app: FastAPI) -> AsyncIterator[None]:
         await _set_read_only(database, False)
 
 
+def _only_read(connection: DBAPIConnection, _entry: ConnectionPoolEntry) -> None:
+    connection.cursor().execute("PRAGMA query_only=1")
+
+
 async def _set_read_only(database: Database, yes: bool) -> None:
     if database.is_sqlite:
         while database.connections[0]:  # noqa: ASYNC110  # the round at the start may still be reading
             await asyncio.sleep(0.01)
-        # Each connection of the pool.
+        # Each connection of the pool, and those that are opened meanwhile.
         async with AsyncExitStack() as held:
-            for _ in range(sum(database.connections)):
+            for _ in range(max(1, sum(database.connections))):
                 connection = await held.enter_async_context(database.read())
                 await connection.exec_driver_sql(f"PRAGMA query_only={int(yes)}")
+            (event.listen if yes else event.remove)(connection.engine.sync_engine, "connect", _only_read)
         return
     async with database.read() as connection:
         name = make_url(str(connection.engine.url)).database
