@@ -119,7 +119,7 @@ class _Made:
     """The text of a statement, and how its parameters are told to PostgreSQL."""
 
     def __init__(self, statement: Select[Any] | Update | Insert) -> None:
-        here = dialect()  # type: ignore[no-untyped-call]
+        here = dialect()  # type: ignore[no-untyped-call]  # SQLAlchemy's
         compiled = statement.compile(dialect=here)
         self.text = str(compiled)
         self.names: list[str] = list(compiled.positiontup or ())
@@ -136,7 +136,7 @@ class _Selecting(_Made):
 
     def __init__(self, statement: Select[Any]) -> None:
         super().__init__(statement)
-        here = dialect()  # type: ignore[no-untyped-call]
+        here = dialect()  # type: ignore[no-untyped-call]  # SQLAlchemy's
         # asyncpg's own values are right for all types but those of our making.
         made = [column for column in statement.selected_columns if isinstance(column.type, TypeDecorator)]
         understood = [(column.name, column.type.result_processor(here, None)) for column in made]

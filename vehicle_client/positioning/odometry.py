@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
@@ -103,17 +104,17 @@ def _finite(motion: Motion) -> bool:
     )
 
 
-class Tracker:
+class Tracker(ABC):
     """Something that follows the car from frame to frame."""
 
-    def begin(self, frame: LidarFrame) -> None:
+    def begin(self, frame: LidarFrame) -> None:  # noqa: B027  # most do all in `odom_from_vehicle`
         """Take the frame in, if that goes on while the caller does something else."""
 
+    @abstractmethod
     def odom_from_vehicle(self, frame: LidarFrame) -> Matrix | None:
         """(4, 4) at the frame's stamp, None if it cannot be said."""
-        raise NotImplementedError
 
-    def close(self) -> None:
+    def close(self) -> None:  # noqa: B027  # most hold nothing
         """Let go of what it holds; no frame comes any more."""
 
 

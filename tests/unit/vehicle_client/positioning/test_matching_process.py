@@ -129,7 +129,7 @@ def test_a_process_that_always_ends_is_not_begun_with_each_sweep(monkeypatch: py
 
     def counted(command: list[str], **options: object) -> subprocess.Popen[bytes]:
         begun.append(command[0])
-        return real([sys.executable, "-c", ""], **options)  # type: ignore[call-overload,no-any-return]
+        return real([sys.executable, "-c", ""], **options)  # type: ignore[call-overload,no-any-return]  # handed on
 
     monkeypatch.setattr(subprocess, "Popen", counted)
     with closing(MatchingProcess(MAST, waits=True)) as matching:
