@@ -32,7 +32,7 @@ from benchmarks.published_method import (
 )
 from benchmarks.simulator import Driving
 from detector.pipeline import detect
-from detector.saliency import saliency_map
+from detector.saliency.cloud_saliency import saliency_map
 from detector.types import DetectorInput
 from evaluation.peers import SWEEP_PEERS
 from simulator.mesh import pose

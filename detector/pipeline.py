@@ -7,24 +7,18 @@ from typing import Literal
 import numpy as np
 from numba import njit
 
-from detector.clusters import MAX_POINT_SD
-from detector.ground import height_over_profile
-from detector.recognition import recognise
-from detector.saliency import SALIENT, saliency_map
-from detector.segmentation import STANDING_M, segment
-from detector.strip import Strip, road_strip
-from detector.survey import on_survey
-from detector.sweep import estimate_sensor_height, usable_points
-from detector.types import (
-    DetectorInput,
-    Findings,
-    FloatArray,
-    FrameDetection,
-    IntArray,
-    LabelArray,
-)
-from detector.verification import Found, find_clusters
-from detector.view import sees_road
+from detector.arrays import FloatArray, IntArray, LabelArray
+from detector.obstacles.clusters import MAX_POINT_SD
+from detector.obstacles.recognition import recognise
+from detector.obstacles.segmentation import STANDING_M, segment
+from detector.obstacles.verification import Found, find_clusters
+from detector.road.ground import height_over_profile
+from detector.road.strip import Strip, road_strip
+from detector.road.sweep import estimate_sensor_height, usable_points
+from detector.road.view import sees_road
+from detector.saliency.cloud_saliency import SALIENT, saliency_map
+from detector.survey.pipeline import on_survey
+from detector.types import DetectorInput, Findings, FrameDetection
 
 __all__ = ["Method", "detect", "estimate_sensor_height"]
 

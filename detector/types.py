@@ -4,22 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import IntEnum, StrEnum
-from typing import TYPE_CHECKING
 
-import numpy as np
-from numpy.typing import NDArray
-
-if TYPE_CHECKING:
-    from detector.corridor import Corridor
-
-Float32Array = NDArray[np.float32]
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
-LabelArray = NDArray[np.uint8]
-
-
-class DetectorError(ValueError):
-    """The input cannot be used; the message says why and what to do."""
+from detector.arrays import Float32Array, FloatArray, LabelArray
+from detector.road.corridor import Corridor
 
 
 class ObstacleKind(StrEnum):

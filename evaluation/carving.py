@@ -10,9 +10,10 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from detector.arrays import Float32Array
 from detector.pipeline import detect, estimate_sensor_height
-from detector.robust import fit_tukey
-from detector.types import DetectorInput, Float32Array
+from detector.road.robust import fit_tukey
+from detector.types import DetectorInput
 from simulator.shapes.pothole import pothole
 from simulator.shapes.relief import Relief
 from vehicle_client.sources.files import read_cloud

@@ -1,6 +1,7 @@
 """Fits the detector's confidence to simulated drives: `python -m evaluation.fit_confidence` prints the weights.
 
-They go into `detector/confidence.py`. The seeds here are used for nothing else; `headsup evaluate lidar` takes others.
+They go into `detector/obstacles/confidence.py`. The seeds here are used for nothing else; `headsup evaluate lidar`
+takes others.
 """
 
 from __future__ import annotations

@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from contract.geometry import Kind
-from detector.accumulator import RECENT_FRAMES, Accumulator, accumulate
-from detector.over_frames import detect_over_frames
+from detector.passes.accumulator import RECENT_FRAMES, Accumulator, accumulate
+from detector.passes.over_frames import detect_over_frames
 from detector.pipeline import detect
 from detector.types import DetectedObstacle
 from evaluation.lidar_course import Course, Moment, course, drive, in_sensor, in_sight, presets

@@ -9,16 +9,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from contract.geometry import Kind
-from detector.accumulator import RECENT_FRAMES, Accumulator, accumulate
-from detector.clusters import Deviations
-from detector.confidence import features
-from detector.corridor import Corridor
-from detector.ground import road_coordinates
-from detector.height_grid import deviations_over
-from detector.over_frames import grid_candidates
-from detector.strip import Strip, road_strip
+from detector.obstacles.confidence import features
+from detector.obstacles.verification import Candidates, candidates_of_sweep
+from detector.passes.accumulator import RECENT_FRAMES, Accumulator, accumulate
+from detector.passes.height_grid import deviations_over
+from detector.passes.over_frames import grid_candidates
+from detector.road.corridor import Corridor
+from detector.road.deviations import Deviations
+from detector.road.ground import road_coordinates
+from detector.road.strip import Strip, road_strip
 from detector.types import FrameDetection
-from detector.verification import Candidates, candidates_of_sweep
 from evaluation.lidar_course import Course, Moment, in_sensor
 
 FloatArray = NDArray[np.float64]

@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from contract.geometry import Kind
-from detector.accumulator import Accumulator, PlaceHits, accumulate, hits_around
-from detector.inspection import KnownPlace
+from detector.passes.accumulator import Accumulator, PlaceHits, accumulate, hits_around
+from detector.passes.inspection import KnownPlace
 from detector.pipeline import detect
 from detector.types import DetectorInput
 from evaluation.passes_street import HOLE_SIZES

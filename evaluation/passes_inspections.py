@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from detector.inspection import KnownPlace, inspect
+from detector.passes.inspection import KnownPlace, inspect
 from evaluation.passes_drive import Look
 from evaluation.passes_sizes import beyond
 from simulator.world import World

@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from contract.geometry import Kind
-from detector.accumulator import PlaceHits
-from detector.descriptor import moment_box, polygon_moments
-from detector.shape import measure
+from detector.obstacles.descriptor import moment_box, polygon_moments
+from detector.passes.accumulator import PlaceHits
+from detector.passes.shape import measure
 from detector.types import DetectedObstacle
 from evaluation.passes_drive import Look
 from evaluation.passes_street import hole_size
@@ -35,7 +35,7 @@ RELIEF_SHARE, RELIEF_M = 0.15, 0.015
 @dataclass(frozen=True, slots=True)
 class Truth:
     """The label's box (the footprint's extent at the road's level), greatest depth or height, volume, and the box of
-    the footprint's second moments, which is what `detector.shape` states for what is part of the road."""
+    the footprint's second moments, which is what `detector.passes.shape` states for what is part of the road."""
 
     length_m: float
     width_m: float

@@ -16,7 +16,7 @@ from simulator.streets.road import straight_road
 from simulator.streets.street import ParkedCar, PlacedObstacle, Roadside, Roughness, Street
 
 TUNING_SEEDS = (1, 2, 3)
-"""Streets on which constants of `detector.outline` and `detector.shape` were chosen; no figure comes from them."""
+"""Streets on which constants of `outline` and `shape` in `detector.passes` were chosen; no figure comes from them."""
 
 VERIFICATION_SEEDS = (101, 102)
 """Streets of the printed figures."""

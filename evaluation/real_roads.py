@@ -9,10 +9,11 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from detector.accumulator import Accumulator, accumulate
-from detector.over_frames import detect_over_frames
+from detector.arrays import Float32Array
+from detector.passes.accumulator import Accumulator, accumulate
+from detector.passes.over_frames import detect_over_frames
 from detector.pipeline import detect, estimate_sensor_height
-from detector.types import DetectedObstacle, DetectorInput, Float32Array
+from detector.types import DetectedObstacle, DetectorInput
 from evaluation.carving import read_scan
 
 FloatArray = NDArray[np.float64]

@@ -7,7 +7,8 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from detector.types import LabelArray, PointClass
+from detector.arrays import LabelArray
+from detector.types import PointClass
 from evaluation.lidar_course import Course, Moment
 from simulator.scene.scenery import Surface
 

@@ -53,7 +53,7 @@ def detect_files(
     from rich.console import Console
     from rich.progress import track
 
-    from detector.types import DetectorError
+    from detector.errors import DetectorError
     from vehicle_client.sources.frame import SourceError
 
     try:

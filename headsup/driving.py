@@ -18,8 +18,8 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 
 from contract.geometry import LatLon
 from contract.observation import ObservationReport, ReportResult
+from detector.errors import DetectorError
 from detector.pipeline import estimate_sensor_height
-from detector.types import DetectorError
 from headsup.ending import EndedEarly, Ending
 from vehicle_client.area import Heard
 from vehicle_client.drive import Step, Vehicle

@@ -15,11 +15,11 @@ import numpy as np
 
 from contract.observation import MAX_DETECTIONS, MAX_INSPECTIONS, ObservationReport, ReportResult
 from contract.obstacle import ObstacleFeature
-from detector.accumulator import Accumulator, accumulate, hits_around
-from detector.inspection import PlaceVerdict, inspect
-from detector.over_frames import detect_over_frames
+from detector.passes.accumulator import Accumulator, accumulate, hits_around
+from detector.passes.inspection import PlaceVerdict, inspect
+from detector.passes.over_frames import detect_over_frames
+from detector.passes.shape import measure
 from detector.pipeline import detect
-from detector.shape import measure
 from detector.types import DetectedObstacle, DetectorInput, FrameDetection, PointClass
 from vehicle_client import alerts, moments, obstacle_map, reporting, tracking, watching
 from vehicle_client.alerts import Alerts

@@ -22,7 +22,7 @@ from contract.observation import (
     View,
 )
 from contract.obstacle import ObstacleFeature
-from detector.inspection import KnownPlace, PlaceVerdict
+from detector.passes.inspection import KnownPlace, PlaceVerdict
 from detector.types import DetectedObstacle
 from vehicle_client.alignment import Alignment
 from vehicle_client.frames import GeoOrigin, apply, axis_yaw, inverse, yaw_of
@@ -32,7 +32,7 @@ from vehicle_client.positioning.pose import Pose
 _LOG = logging.getLogger(__name__)
 
 ESTIMATOR = "ray-contour:2"
-"""Name and version of the estimator of `detector.shape`; the server compares only what was measured alike."""
+"""Name and version of the estimator of `detector.passes.shape`; the server compares only what was measured alike."""
 
 
 def known_place(feature: ObstacleFeature, pose: Pose, alignment: Alignment) -> KnownPlace:

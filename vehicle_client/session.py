@@ -11,8 +11,9 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
+from detector.errors import DetectorError
 from detector.pipeline import detect
-from detector.types import DetectorError, FrameDetection
+from detector.types import FrameDetection
 from vehicle_client.ar.renderer import draw
 from vehicle_client.drive import Step, Vehicle, detector_input, driver_scene
 from vehicle_client.faults import Faults

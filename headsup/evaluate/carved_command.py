@@ -32,7 +32,7 @@ def carved(
     from rich.console import Console
     from rich.progress import track
 
-    from detector.types import DetectorError
+    from detector.errors import DetectorError
     from evaluation.carving import DISTANCES_M, SIZES_M, run, scans
     from vehicle_client.sources.frame import SourceError
 

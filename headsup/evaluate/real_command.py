@@ -30,7 +30,7 @@ def real(
     from rich.console import Console
     from rich.progress import track
 
-    from detector.types import DetectorError
+    from detector.errors import DetectorError
     from evaluation.real_roads import along_a_drive, lasting_holes, single_sweeps
     from vehicle_client.sources.frame import SourceError
 

@@ -29,7 +29,7 @@ def volume(
     from rich.progress import track
     from rich.table import Table
 
-    from detector.types import DetectorError
+    from detector.errors import DetectorError
     from evaluation.composed_scan import ScanError
     from evaluation.depth_camera import camera_scans_in, measure_scan
 

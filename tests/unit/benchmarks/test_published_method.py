@@ -10,8 +10,8 @@ from benchmarks.published_method import (
     augmented_lagrange_multipliers,
     published_saliency,
 )
-from detector.rpca import decompose, default_lambda
-from detector.saliency import saliency_map
+from detector.saliency.cloud_saliency import saliency_map
+from detector.saliency.rpca import decompose, default_lambda
 
 
 def street(seed: int) -> np.ndarray:

@@ -7,10 +7,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from detector.corridor import find_corridor, road_coordinates
-from detector.ground import near_ground
+from detector.errors import DetectorError
 from detector.pipeline import Method, detect, estimate_sensor_height
-from detector.types import DetectorError, DetectorInput, FrameDetection, ObstacleKind, PointClass
+from detector.road.corridor import find_corridor, road_coordinates
+from detector.road.ground import near_ground
+from detector.types import DetectorInput, FrameDetection, ObstacleKind, PointClass
 from tests.unit.detector.scenes import CARS_AND_WALL, Block, Hole, Lidar, Street, cast
 
 METHODS: tuple[Method, ...] = ("surface", "saliency")

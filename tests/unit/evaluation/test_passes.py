@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 from typer.testing import CliRunner
 
 from contract.geometry import Kind
-from detector.accumulator import PlaceHits
-from detector.inspection import KnownPlace
+from detector.passes.accumulator import PlaceHits
+from detector.passes.inspection import KnownPlace
 from detector.types import DetectedObstacle, ObstacleKind, ShapeDescriptor
 from evaluation.passes_descriptors import descriptor_figures
 from evaluation.passes_drive import POSE_NOISE_M, SENSORS, Pass, accumulated, looks_of_pass, plan_passes

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from contract.geometry import Kind, LatLon
 from contract.observation import Detection, ObservationReport
-from detector.inspection import PlaceVerdict
+from detector.passes.inspection import PlaceVerdict
 from detector.types import DetectedObstacle, ObstacleKind
 from tests.unit.vehicle_client.making import NOON, ORIGIN, PATRAS, feature, planar, pose_at, seen
 from vehicle_client.alignment import Alignment

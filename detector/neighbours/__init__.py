@@ -1,0 +1,1 @@
+"""Points near points: exact nearest neighbours of every point of a cloud."""

@@ -1,0 +1,1 @@
+"""The road of a sweep: what may be ground, its surface, its noise, the corridor ahead."""
