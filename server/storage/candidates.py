@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from uuid import UUID
 
-from contract.geometry import LatLon
 from server.geometry.cell_index import CellIndex
 from server.life.obstacle import Obstacle, Witness
 from server.life.reach import Reach
@@ -49,19 +48,18 @@ def _reports_of(found: dict[UUID, Row], asked: Sequence[Asked]) -> dict[UUID, li
     All of them: what one report moves may come to concern another.
     """
     index = CellIndex((row["cell"], row["id"]) for row in found.values())
+    position_of = {identifier: rows.position_of(row) for identifier, row in found.items()}
     around: dict[UUID, list[Asked]] = {}
     concerned: set[UUID] = set()
     for item in asked:
         for identifier in index.within(item.reach.far):
             around.setdefault(identifier, []).append(item)
-            if identifier not in concerned and _concerns(item.reach, found[identifier]):
+            if identifier in concerned:
+                continue
+            row = found[identifier]
+            if item.reach.concerns(identifier, position_of[identifier], row["east_m2"] + row["north_m2"]):
                 concerned.add(identifier)
     return {identifier: around[identifier] for identifier in around if identifier in concerned}
-
-
-def _concerns(reach: Reach, row: Row) -> bool:
-    position = LatLon(latitude_deg=row["latitude_deg"], longitude_deg=row["longitude_deg"])
-    return reach.concerns(row["id"], position, row["east_m2"] + row["north_m2"])
 
 
 async def _evidence(reads: Reads, found: dict[UUID, Row], reports_of: dict[UUID, list[Asked]]) -> Evidence:

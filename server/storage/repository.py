@@ -24,7 +24,6 @@ from server.storage import candidates, rows, tables
 from server.storage.candidates import Asked
 from server.storage.features import stored_feature
 from server.storage.reads import ReportName, reads_of
-from server.storage.rows import Row
 from server.storage.working_set import Tile, WorkingSet
 
 
@@ -82,7 +81,7 @@ class Repository:
     async def last_places(self, witnesses: Iterable[str]) -> dict[str, LastPlace]:
         """Where witnesses were when they last reported."""
         found = await (await reads_of(self._connection)).places(sorted(set(witnesses)))
-        return {row["witness"]: LastPlace(_position(row), row["sd_m"], row["observed_at"]) for row in found}
+        return {row["witness"]: LastPlace(rows.position_of(row), row["sd_m"], row["observed_at"]) for row in found}
 
     async def secret(self, name: str, fresh: str) -> str:
         """A secret of this installation; `fresh` becomes it when there is none yet."""
@@ -103,10 +102,6 @@ class Repository:
         if self._connection.dialect.name == "sqlite":
             return sqlite.insert(table).on_conflict_do_nothing()
         return postgresql.insert(table).on_conflict_do_nothing()
-
-
-def _position(row: Row) -> LatLon:
-    return LatLon(latitude_deg=row["latitude_deg"], longitude_deg=row["longitude_deg"])
 
 
 def _in_cells(ranges: Ranges) -> ColumnElement[bool]:

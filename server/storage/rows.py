@@ -91,7 +91,7 @@ def obstacle_of(row: Row, evidence: Sequence[Witness] = ()) -> Obstacle:
         revision=row["revision"],
         born_at=LatLon(latitude_deg=row["born_latitude_deg"], longitude_deg=row["born_longitude_deg"]),
         place=Place(
-            position=LatLon(latitude_deg=row["latitude_deg"], longitude_deg=row["longitude_deg"]),
+            position=position_of(row),
             covariance=PlaneCovariance(
                 east_m2=row["east_m2"], north_m2=row["north_m2"], east_north_m2=row["east_north_m2"]
             ),
@@ -116,6 +116,11 @@ def obstacle_of(row: Row, evidence: Sequence[Witness] = ()) -> Obstacle:
         inspection_state=InspectionState(row["inspection_state"]),
         distinct_from=frozenset(_ids.validate_json(row["distinct_from"])),
     )
+
+
+def position_of(row: Row) -> LatLon:
+    """Where a row says that something is."""
+    return LatLon(latitude_deg=row["latitude_deg"], longitude_deg=row["longitude_deg"])
 
 
 def shape_json(shape: Shape) -> Any:
