@@ -94,7 +94,9 @@ class Window(NamedTuple):
 
     def tiles(self) -> tuple[int, ...]:
         """Ascending Morton codes of the tiles of zoom 14 that the window touches."""
-        return _codes(*self._coarse(CELL_ZOOM - TILE_ZOOM))
+        dropped = CELL_ZOOM - TILE_ZOOM
+        # Near a pole a circle touches thousands: whoever asks for many such ones must not fill the memory.
+        return (_remembered_codes if self._fits(dropped) else _codes)(*self._coarse(dropped))
 
     def cover(self) -> Ranges:
         """The ranges of cells of the finest zoom at which the window is at most 4 x 4 tiles."""
@@ -122,6 +124,11 @@ def _ranges(dropped: int, west: int, east: int, top: int, bottom: int) -> Ranges
 
 
 @lru_cache(maxsize=_REMEMBERED_COVERS)
+def _remembered_codes(dropped: int, west: int, east: int, top: int, bottom: int) -> tuple[int, ...]:
+    """The same as `_codes`, of at most 4 x 4 tiles."""
+    return _codes(dropped, west, east, top, bottom)
+
+
 def _codes(dropped: int, west: int, east: int, top: int, bottom: int) -> tuple[int, ...]:
     """Ascending Morton codes of all tiles whose columns and rows lack that many bits."""
     side = 1 << (CELL_ZOOM - dropped)

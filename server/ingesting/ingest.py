@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import logging
 import random
 from collections import deque
 from collections.abc import Awaitable, Callable, Sequence
@@ -25,6 +26,7 @@ GREATEST_GROUP = 256
 # Reports of a second at full load: what waits longer than a vehicle does is better refused at once.
 _GREATEST_BACKLOG = 8_192
 _FIRST_PAUSE_S, _GREATEST_PAUSE_S = 0.01, 0.5
+_LOG = logging.getLogger(__name__)
 
 Decide = Callable[[Sequence[Parcel]], Awaitable[Outcomes]]
 
@@ -119,14 +121,20 @@ class Ingest:
         for item, outcome in zip(group, outcomes, strict=True):
             if isinstance(outcome, Outcome):
                 self.counts.count(outcome.result)
-                for event in outcome.events:
-                    self._publish(event)
+                self._tell_others(outcome.events)
             if item.answer.done():
                 continue
             if isinstance(outcome, Outcome):
                 item.answer.set_result(outcome.result)
             else:
                 item.answer.set_exception(outcome)
+
+    def _tell_others(self, events: Sequence[ObstacleEvent]) -> None:
+        for event in events:
+            try:
+                self._publish(event)
+            except Exception:  # it is committed: whoever cannot be told must not cost its sender the answer
+                _LOG.exception("an event of obstacle %s reached nobody at this server", event.obstacle_id)
 
 
 def _refuse(group: list[_Waiting], error: Exception) -> None:

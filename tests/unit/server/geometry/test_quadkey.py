@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import tracemalloc
+
 import pytest
 from geographiclib.geodesic import Geodesic
 from hypothesis import example, given, settings
@@ -79,3 +81,14 @@ def test_both_sides_of_the_antimeridian_are_in_one_cover() -> None:
     ranges = cover(LatLon(latitude_deg=-16.8, longitude_deg=179.9999), 1_000)
     west = cell_of(LatLon(latitude_deg=-16.8, longitude_deg=-179.999))
     assert any(low <= west <= high for low, high in ranges)
+
+
+def test_circles_that_touch_thousands_of_tiles_are_not_remembered() -> None:
+    tracemalloc.start()
+    try:
+        for step in range(500):
+            assert len(tiles(LatLon(latitude_deg=84.9, longitude_deg=-170 + step / 2), 10_000)) > 1_000
+        held_bytes, _ = tracemalloc.get_traced_memory()
+    finally:
+        tracemalloc.stop()
+    assert held_bytes < 1_000_000
