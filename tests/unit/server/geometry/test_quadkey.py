@@ -86,9 +86,11 @@ def test_both_sides_of_the_antimeridian_are_in_one_cover() -> None:
 def test_circles_that_touch_thousands_of_tiles_are_not_remembered() -> None:
     tracemalloc.start()
     try:
-        for step in range(500):
-            assert len(tiles(LatLon(latitude_deg=84.9, longitude_deg=-170 + step / 2), 10_000)) > 1_000
+        for step in range(50):
+            assert len(tiles(LatLon(latitude_deg=84.9, longitude_deg=-170 + step), 10_000)) > 1_000
         held_bytes, _ = tracemalloc.get_traced_memory()
     finally:
         tracemalloc.stop()
-    assert held_bytes < 1_000_000
+    assert (
+        held_bytes < 4_000_000
+    )  # remembered they would be 18 MB; the rest are columns and rows, whose number is limited
