@@ -13,7 +13,10 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from vehicle_client.frames import Matrix, inverse, rigid, rotation_about_z
+from vehicle_client.positioning.matched_points import REACH_M, worth_matching
 from vehicle_client.positioning.odometry_history import ODOMETRY_GAP_S
+from vehicle_client.positioning.registration import Registration
+from vehicle_client.positioning.voxel_map import VoxelMap
 from vehicle_client.sensing.calibration import curvature_of
 from vehicle_client.sensing.deskew import Twist, deskew, twist_between
 from vehicle_client.sources.frame import LidarFrame, Motion
@@ -24,19 +27,8 @@ COASTS_S = 0.5
 VOXEL_M = 1.0
 """The map that sweeps are matched to: KISS-ICP's own default, a hundredth of its range."""
 
-REACH_M = 100.0
-"""What is farther is not matched: KISS-ICP's own default."""
-
 LEAST_POINTS = 100
 """Fewer points hold no shape to match."""
-
-GROUND_BELOW_M = 0.4
-"""A ring on a flat road looks the same wherever the car is, and holds a match where it was: on a simulated street the
-whole sweep moves by 1 m in 57, and what is higher than kerbs by 57.4."""
-
-MOST_ABOVE, MOST_GROUND = 24_000, 1_200
-"""Of a sweep of 115,000 points so many, evenly chosen, give the same way in half the time, and half of them a rougher
-one; of the ground a few keep height, pitch and roll."""
 
 CONVERGED = 2e-3
 """Metres and radians of a step after which no more are made. KISS-ICP's own 1e-4 takes nearly twice the time for the
@@ -171,13 +163,13 @@ class ScanMatching(Tracker):
         """
         if not is_gap(self._broken_off_s, frame.stamp_s) or frame.points_m.ndim != 2 or frame.points_m.shape[1] != 3:
             return None
-        points = self._worth_matching(self._at_stamp(frame))
+        points = worth_matching(self._at_stamp(frame), self._vehicle_from_sensor[2])
         if len(points) < LEAST_POINTS:
             return None
         if self._stamps_s and is_gap(self._stamps_s[-1], frame.stamp_s):
             self._matcher, self._stamps_s = _matcher(), ()
         self._expect(frame.stamp_s)
-        self._matcher.register_frame(points.astype(np.float64), np.empty(0))
+        self._matcher.register_frame(points, np.empty(0))
         moved = np.asarray(self._matcher.last_pose, dtype=np.float64)
         if not np.isfinite(moved).all():
             self._matcher, self._stamps_s, self._broken_off_s = _matcher(), (), frame.stamp_s
@@ -196,19 +188,6 @@ class ScanMatching(Tracker):
             # KISS-ICP ends the process for a turn that is one to seven digits only.
             turn = Rotation.from_matrix(moved[:3, :3]).as_matrix()
             self._matcher.last_delta = rigid(turn, moved[:3, 3])
-
-    def _worth_matching(self, points_m: NDArray[np.float32]) -> NDArray[np.float32]:
-        to_up = self._vehicle_from_sensor[2].astype(np.float32)
-        with np.errstate(invalid="ignore", over="ignore"):
-            height_m = points_m @ to_up[:3] + to_up[3]
-        # Of a point with any value that is not finite the height is not, either.
-        above, below = (height_m > GROUND_BELOW_M) & np.isfinite(height_m), height_m <= GROUND_BELOW_M
-        chosen: NDArray[np.float32] = np.concatenate(
-            [_thinned(points_m[above], MOST_ABOVE), _thinned(points_m[below], MOST_GROUND)]
-        )
-        with np.errstate(over="ignore"):
-            near = np.square(chosen) @ np.ones(3, dtype=np.float32) < REACH_M**2
-        return chosen[near]
 
     def _at_stamp(self, frame: LidarFrame) -> NDArray[np.float32]:
         twist = self._twist()
@@ -232,13 +211,11 @@ def _matcher() -> Any:
     config.mapping.voxel_size = VOXEL_M
     config.data.max_range = REACH_M
     config.data.deskew = False
-    config.registration.convergence_criterion = CONVERGED
     config.registration.max_num_threads = 1
-    return KissICP(config)
-
-
-def _thinned(points_m: NDArray[np.float32], most: int) -> NDArray[np.float32]:
-    return points_m[:: math.ceil(max(1, len(points_m)) / most)]
+    matcher = KissICP(config)
+    matcher.local_map = VoxelMap(VOXEL_M, REACH_M, config.mapping.max_points_per_voxel)
+    matcher.registration = Registration(CONVERGED)
+    return matcher
 
 
 def is_gap(before_s: float, stamp_s: float) -> bool:
