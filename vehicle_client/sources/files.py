@@ -86,13 +86,17 @@ def read_las(path: Path) -> LidarFrame:
 
     expected = check_las_header(path)
     try:
-        cloud = laspy.read(path)
-        points, intensity = np.asarray(cloud.xyz), np.asarray(cloud.intensity, dtype=np.float32)
+        # In one thread: it takes hardly longer, and whoever drives along such files needs the other core.
+        cloud = laspy.read(path, laz_backend=laspy.LazBackend.Lazrs)
+        points = np.empty((len(cloud.points), 3), dtype=np.float32)
+        for axis, name in enumerate("xyz"):
+            points[:, axis] = _float32(np.asarray(cloud[name]))
+        intensity = np.asarray(cloud.intensity, dtype=np.float32)
     except Exception as error:  # laspy's parsers raise a dozen types where bytes make no sense
         raise SourceError(f"{path}: expected a whole LAS or LAZ file: {error}") from error
     if len(points) != expected:
         raise SourceError(f"{path}: the header announces {expected} points, {len(points)} are there")
-    return LidarFrame(0.0, _float32(points), intensity=intensity)
+    return LidarFrame(0.0, points, intensity=intensity)
 
 
 def read_numpy(path: Path) -> LidarFrame:
@@ -127,7 +131,7 @@ def _float32_rows(path: Path, columns: int, what: str) -> Float32Array:
     data = path.read_bytes()
     if len(data) % (4 * columns):
         raise SourceError(f"{path}: {len(data)} bytes are not whole points of a {what}, {4 * columns} bytes each")
-    return np.frombuffer(data, dtype="<f4").reshape(-1, columns).astype(np.float32)
+    return np.frombuffer(data, dtype="<f4").reshape(-1, columns)
 
 
 def _has_rings(path: Path) -> bool:
@@ -159,10 +163,13 @@ def _float32(points: NDArray[np.generic]) -> Float32Array:
 
 def _check_extent(path: Path, points_m: Float32Array) -> None:
     """Refuse clouds without points, and those that cannot be a sweep in metres about its sensor."""
-    finite = points_m[np.isfinite(points_m).all(axis=1)]
     if not len(points_m):
         raise SourceError(f"{path}: holds no points")
-    if not len(finite):
+    # By columns: over rows of three NumPy takes ten times as long.
+    x, y, z = (np.isfinite(column) for column in points_m.T)
+    finite = x & y & z
+    if not finite.any():
         raise SourceError(f"{path}: none of its {len(points_m)} points is finite")
-    if np.median(np.abs(finite).max(axis=1)) > LIDAR_REACH_M:
+    x, y, z = (np.abs(column) > LIDAR_REACH_M for column in points_m.T)
+    if 2 * np.count_nonzero(finite & (x | y | z)) > np.count_nonzero(finite):
         raise SourceError(f"{path}: expected metres in the sensor's frame, but most points are beyond 1 km")

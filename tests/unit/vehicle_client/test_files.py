@@ -112,6 +112,16 @@ def test_map_coordinates_are_refused(tmp_path: Path) -> None:
         read_cloud(tmp_path / "utm.npy")
 
 
+def test_as_many_points_beyond_a_kilometre_as_within_are_noise_and_more_are_refused(tmp_path: Path) -> None:
+    near, far, none = [[1.0, 2.0, 3.0]] * 3, [[1.0, -2_000.0, 3.0]] * 3, [[np.nan, 5_000.0, 0.0]] * 9
+    path = tmp_path / "cloud.npy"
+    np.save(path, np.array(near + far + none, dtype=np.float32))
+    assert len(read_cloud(path).points_m) == 15
+    np.save(path, np.array(near[1:] + far + none, dtype=np.float32))
+    with pytest.raises(SourceError, match="most points are beyond 1 km"):
+        read_cloud(path)
+
+
 @pytest.mark.parametrize("name", ["cloud.txt", "cloud", "cloud.bin.gz"])
 def test_an_unknown_ending_is_refused_with_those_that_are_known(tmp_path: Path, name: str) -> None:
     (tmp_path / name).write_bytes(b"x")
