@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any
+from typing import Any
 
-from fastapi import Depends, Request
+from fastapi import Request
 from fastapi.exceptions import RequestValidationError
 from pydantic import ValidationError
 from pydantic.json_schema import models_json_schema
@@ -14,15 +14,14 @@ from contract.observation import ObservationBatch
 _SCHEMAS = "#/components/schemas/"
 
 
-async def _batch(request: Request) -> ObservationBatch:
+async def posted_batch(request: Request) -> ObservationBatch:
+    """The batch of a request; raises `RequestValidationError`."""
     try:
         return ObservationBatch.model_validate_json(await request.body())
     except ValidationError as error:
         found = error.errors(include_url=False, include_input=False)
         raise RequestValidationError([{**item, "loc": ("body", *item["loc"])} for item in found]) from None
 
-
-PostedBatch = Annotated[ObservationBatch, Depends(_batch)]
 
 REQUEST_BODY: dict[str, Any] = {
     "requestBody": {
