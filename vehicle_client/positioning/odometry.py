@@ -15,8 +15,6 @@ from scipy.spatial.transform import Rotation
 from vehicle_client.frames import Matrix, inverse, rigid, rotation_about_z
 from vehicle_client.positioning.matched_points import REACH_M, worth_matching
 from vehicle_client.positioning.odometry_history import ODOMETRY_GAP_S
-from vehicle_client.positioning.registration import Registration
-from vehicle_client.positioning.voxel_map import VoxelMap
 from vehicle_client.sensing.calibration import curvature_of
 from vehicle_client.sensing.deskew import Twist, deskew, twist_between
 from vehicle_client.sources.frame import LidarFrame, Motion
@@ -211,11 +209,9 @@ def _matcher() -> Any:
     config.mapping.voxel_size = VOXEL_M
     config.data.max_range = REACH_M
     config.data.deskew = False
+    config.registration.convergence_criterion = CONVERGED
     config.registration.max_num_threads = 1
-    matcher = KissICP(config)
-    matcher.local_map = VoxelMap(VOXEL_M, REACH_M, config.mapping.max_points_per_voxel)
-    matcher.registration = Registration(CONVERGED)
-    return matcher
+    return KissICP(config)
 
 
 def is_gap(before_s: float, stamp_s: float) -> bool:
