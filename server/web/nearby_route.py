@@ -1,8 +1,8 @@
 """`GET /v1/obstacles` as every vehicle asks it all the time, answered with encoded features from memory.
 
 Only a plain circle in the default format is answered here, parsed by hand and before the framework, which takes longer
-than the search does. Everything else, and everything that goes wrong, is for the typed route
-(`server.web.reader_endpoints`), whose answers have the same bytes.
+than the search does. Everything else, and what goes wrong but for a database that does not answer, is for the typed
+route (`server.web.reader_endpoints`), whose answers have the same bytes.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from starlette.requests import Request
 from starlette.types import ASGIApp, Receive, Scope, Send
 
 from contract.geometry import LatLon
-from server.errors import ServiceError
+from server.errors import ServiceError, UnavailableError, problem_of
 from server.formats.names import FormatName
 from server.formats.registry import GEOJSON
 from server.geometry.quadkey import MERCATOR_LATITUDE_DEG
@@ -86,14 +86,18 @@ class NearbyLane:
             if not parts.admission.is_known(scope, given.get(b"authorization")):
                 await parts.admission.caller(Request(scope, receive))
             found = await parts.nearby.within(asked.centre, asked.radius_m, datetime.now(UTC))
+            if len(found) > asked.limit:
+                return False
+            status, headers, body = _answer(found, given)
+        except UnavailableError as error:
+            # Whoever has waited for the database in vain is not made to wait for it again.
+            refusal = problem_of(error)
+            status, headers, body = refusal.status_code, refusal.raw_headers, bytes(refusal.body)
         except ServiceError:
             return False
         except Exception:  # a fault of this way costs the caller time, not the answer
             _LOG.exception("unexpected error", extra={FIELDS: {"route": _PATH}})
             return False
-        if len(found) > asked.limit:
-            return False
-        status, headers, body = _answer(found, given)
         headers += headers_of(context, _PATH)
         await send({"type": "http.response.start", "status": status, "headers": headers})
         await send({"type": "http.response.body", "body": body})

@@ -14,7 +14,7 @@ from sqlalchemy import select
 from contract.geometry import Kind, LatLon
 from server import logs
 from server.app import create_app
-from server.errors import UnavailableError
+from server.errors import PROBLEM_JSON, UnavailableError
 from server.geometry.geodesy import distance_m, offset_from
 from server.geometry.quadkey import tiles
 from server.reading.tile_reader import TileReader
@@ -167,15 +167,33 @@ async def test_the_time_of_a_request_that_is_handed_on_counts_from_its_beginning
 ) -> None:
     async with opened(settings) as app, client_of(app) as client:
 
-        async def lost(*_: object) -> None:
+        async def broken(*_: object) -> None:
             await asyncio.sleep(0.2)
-            raise UnavailableError("the database did not answer")
+            raise RuntimeError
 
-        monkeypatch.setattr(app.state.parts.nearby, "within", lost)
+        monkeypatch.setattr(app.state.parts.nearby, "within", broken)
         assert (await client.get(CIRCLE)).status_code == 200
         text = (await client.get("/metrics")).text
     (total,) = [line for line in text.splitlines() if line.startswith("headsup_request_seconds_sum{")]
     assert float(total.split()[-1]) >= 0.2
+
+
+async def test_who_has_waited_for_the_database_in_vain_is_told_so_and_does_not_wait_again(
+    settings: Settings, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    async with opened(settings) as app, client_of(app) as client:
+        waits = 0
+
+        async def lost(*_: object) -> None:
+            nonlocal waits
+            waits += 1
+            raise UnavailableError("the database did not answer")
+
+        monkeypatch.setattr(app.state.parts.nearby, "within", lost)
+        quick = await client.get(CIRCLE)
+    assert (quick.status_code, quick.headers["retry-after"], waits) == (503, "1", 1)
+    assert (quick.headers["content-type"], quick.json()["type"]) == (PROBLEM_JSON, "urn:headsup:problem:unavailable")
+    assert quick.headers["x-request-id"]
 
 
 async def test_a_request_before_the_parts_are_there_is_a_problem(settings: Settings) -> None:
