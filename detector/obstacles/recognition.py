@@ -66,7 +66,9 @@ def thin(points_m: FloatArray) -> Float32Array:
     size = THIN_CELL_M
     while True:
         voxels = np.floor(points_m / size).astype(np.int64)
-        _, first = np.unique(voxels, axis=0, return_index=True)
+        # One number a voxel: rows of three are sorted ten times as slowly.
+        x, y, z = (voxels - voxels.min(axis=0, initial=0)).T
+        _, first = np.unique((x * (y.max(initial=0) + 1) + y) * (z.max(initial=0) + 1) + z, return_index=True)
         if first.size <= MAX_POINTS:
             return np.ascontiguousarray(points_m[np.sort(first)], dtype=np.float32)
         size *= 2.0**0.5

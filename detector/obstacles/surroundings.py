@@ -10,7 +10,7 @@ from numba import njit
 from detector.arrays import FloatArray, IntArray
 from detector.obstacles.clusters import MAX_POINT_SD
 from detector.road.corridor import Corridor
-from detector.road.deviations import Deviations
+from detector.road.deviations import ROW_M, Deviations
 
 # What stands higher is not the road's: a kerb, a wheel, a wall.
 ROAD_BAND_M = 0.10
@@ -23,7 +23,6 @@ BORDER_GUARD_M = 0.05
 # ring's distance by over the reach of a border.
 BORDER_SLACK_M = 0.12
 CROSS_FALL = 0.03
-ROW_M = 1.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,7 +82,7 @@ def surroundings(
     members = np.concatenate(clusters) if clusters else np.empty(0, dtype=np.int64)
     starts = np.concatenate([[0], np.cumsum([len(c) for c in clusters])]).astype(np.int64)
     signed = -deviations.residual_m if is_negative else deviations.residual_m
-    order, row_start, first_row = _rows(deviations.along_m)
+    by_metre = deviations.by_metre
     own = _own(members, starts, signed, deviations.noise_m, deviations.along_m, deviations.across_m)
     inner, sides, means, context = _around(
         own[:, 4:],
@@ -94,9 +93,9 @@ def surroundings(
         deviations.along_m,
         deviations.across_m,
         CROSS_FALL * BORDER_REACH_M / deviations.sensor_height_m,
-        order,
-        row_start,
-        first_row,
+        by_metre.order,
+        by_metre.start,
+        by_metre.first,
     )
     edge = np.minimum(corridor.left_m - own[:, 7], own[:, 6] - corridor.right_m)
     gap, density, covered, shadow = context.T
@@ -119,24 +118,6 @@ def surroundings(
         shadow,
         edge,
     )
-
-
-@njit(cache=True, nogil=True)
-def _rows(along: FloatArray) -> tuple[IntArray, IntArray, int]:
-    """Order of points by metre of the road, where each metre begins in it, and the first metre."""
-    if len(along) == 0:
-        return np.empty(0, dtype=np.int64), np.zeros(1, dtype=np.int64), 0
-    first, last = int(np.floor(along.min() / ROW_M)), int(np.floor(along.max() / ROW_M))
-    starts = np.zeros(last - first + 2, dtype=np.int64)
-    for i in range(len(along)):
-        starts[int(np.floor(along[i] / ROW_M)) - first + 1] += 1
-    starts = np.cumsum(starts)
-    filled, order = starts.copy(), np.empty(len(along), dtype=np.int64)
-    for i in range(len(along)):
-        row = int(np.floor(along[i] / ROW_M)) - first
-        order[filled[row]] = i
-        filled[row] += 1
-    return order, starts, first
 
 
 @njit(cache=True, nogil=True)

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from detector.arrays import FloatArray, IntArray
-from detector.obstacles.clusters import CELL_M, Cluster, cores, group
+from detector.obstacles.clusters import Cluster, cores, group
 from detector.obstacles.confidence import HOLE_WEIGHTS, MIN_CONFIDENCE, RISE_WEIGHTS, confidence
 from detector.obstacles.surroundings import Surroundings, surroundings
 from detector.road.corridor import Corridor
@@ -55,13 +55,11 @@ class Candidates:
     plausible: np.ndarray
 
 
-def candidates_of(
-    deviations: Deviations, flagged: np.ndarray, is_negative: bool, corridor: Corridor, cell_m: float = CELL_M
-) -> Candidates:
+def candidates_of(deviations: Deviations, flagged: np.ndarray, is_negative: bool, corridor: Corridor) -> Candidates:
     """Clusters of flagged points (mask (N,)) of one sign."""
-    groups = group(deviations, flagged, cell_m)
+    groups = group(deviations, flagged)
     if is_negative:
-        groups = groups + cores(deviations, groups, cell_m)
+        groups = groups + cores(deviations, groups)
     around = surroundings(deviations, groups, is_negative, corridor)
     return Candidates(groups, around, is_negative, plausible(around, is_negative))
 

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
 from numba import njit
 
-from detector.arrays import Float32Array, FloatArray, IntArray
-from detector.road.corridor import AHEAD_M, BEHIND_M, Corridor
+from detector.arrays import Float32Array, FloatArray
+from detector.road.corridor import AHEAD_M, BEHIND_M, PATH_SCALE_M, Corridor
 from detector.road.deviations import Deviations
-from detector.road.ground import road_coordinates
+from detector.road.ground import road_coordinate
 from detector.road.robust import MAD_TO_SD
 
 CELL_M = 0.1
@@ -40,17 +41,40 @@ class GridFrame:
 
 def grid_frame(points_m: Float32Array, residual_m: Float32Array, odom_from_sensor: FloatArray) -> GridFrame:
     """Cells of a sweep: points (N, 3) in `sensor`, residuals (N,) with NaN off the strip, pose (4, 4)."""
-    hit, residual = _strip_hits(points_m, residual_m, np.ascontiguousarray(odom_from_sensor))
+    return GridFrame(*_grid_frame(points_m, residual_m, np.ascontiguousarray(odom_from_sensor)))
+
+
+@njit(cache=True, nogil=True)
+def _grid_frame(
+    points: Float32Array, residual: Float32Array, odom_from_sensor: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Middles (K, 3), hits (K,) and summed residuals (K,) of the cells that were hit, by rows of the grid."""
+    hit, kept = _strip_hits(points, residual, odom_from_sensor)
     if len(hit) == 0:
-        return GridFrame(np.empty((0, 3)), np.empty(0), np.empty(0))
-    cell = np.floor(hit[:, :2] / CELL_M).astype(np.int64)
-    first = cell.min(axis=0)
-    width = int(cell[:, 0].max() - first[0]) + 1
-    height = int(cell[:, 1].max() - first[1]) + 1
-    index = (cell[:, 1] - first[1]) * width + cell[:, 0] - first[0]
-    found, hits, total, z = _sums(index, residual, hit[:, 2], width * height)
-    centre = np.stack([found % width + first[0], found // width + first[1]], axis=1) + 0.5
-    return GridFrame(np.concatenate([centre * CELL_M, (z / hits)[:, None]], axis=1), hits, total)
+        return np.empty((0, 3)), np.empty(0), np.empty(0)
+    column, row = np.empty(len(hit), dtype=np.int64), np.empty(len(hit), dtype=np.int64)
+    for i in range(len(hit)):
+        column[i], row[i] = math.floor(hit[i, 0] / CELL_M), math.floor(hit[i, 1] / CELL_M)
+    left, first, width = column.min(), row.min(), column.max() - column.min() + 1
+    # First which cells there are: sums over the whole grid would be five times as much memory as what is hit.
+    number = np.zeros(((row.max() - first + 1) * width), dtype=np.int32)
+    for i in range(len(hit)):
+        number[(row[i] - first) * width + column[i] - left] = 1
+    cells = 0
+    for k in range(len(number)):
+        if number[k] > 0:
+            cells += 1
+            number[k] = cells
+    centre, hits, total = np.zeros((cells, 3)), np.zeros(cells), np.zeros(cells)
+    for i in range(len(hit)):
+        cell = number[(row[i] - first) * width + column[i] - left] - 1
+        centre[cell, 0], centre[cell, 1] = (column[i] + 0.5) * CELL_M, (row[i] + 0.5) * CELL_M
+        centre[cell, 2] += hit[i, 2]
+        hits[cell] += 1.0
+        total[cell] += kept[i]
+    for cell in range(cells):
+        centre[cell, 2] /= hits[cell]
+    return centre, hits, total
 
 
 @njit(cache=True, nogil=True)
@@ -70,47 +94,73 @@ def _strip_hits(
     return hit[:number], kept[:number]
 
 
-@njit(cache=True, nogil=True)
-def _sums(
-    index: IntArray, residual: FloatArray, height: FloatArray, cells: int
-) -> tuple[IntArray, FloatArray, FloatArray, FloatArray]:
-    """Cells that were hit, in the order of the grid, with their hits, summed residuals and summed heights."""
-    hits, total, z = np.zeros(cells), np.zeros(cells), np.zeros(cells)
-    for i in range(len(index)):
-        hits[index[i]] += 1.0
-        total[index[i]] += residual[i]
-        z[index[i]] += height[i]
-    found = np.flatnonzero(hits)
-    return found, hits[found], total[found], z[found]
-
-
 def deviations_over(
     frames: tuple[GridFrame, ...], sensor_from_odom: FloatArray, corridor: Corridor, sensor_height_m: float
 ) -> Deviations:
     """Deviations of the smoothed cells of several sweeps, along and across the corridor of the latest."""
-    centres = np.concatenate([frame.centre_odom_m for frame in frames])
-    xy = _seen_from(centres, np.ascontiguousarray(sensor_from_odom))
-    along, across = road_coordinates(xy, corridor.curvature_per_m)
-    hits, total = (np.concatenate([getattr(frame, name) for frame in frames]) for name in ("hits", "total_m"))
     shape = (int((AHEAD_M + BEHIND_M) / CELL_M), int((corridor.left_m - corridor.right_m) / CELL_M) + 1)
-    weight, mean = _smoothed(along, across - corridor.offset_m(along), hits, total, corridor.right_m, shape, _kernel())
-    row, column = np.nonzero(weight > MIN_WEIGHT)
-    along = np.asarray((row + 0.5) * CELL_M - BEHIND_M, dtype=np.float64)
-    across = np.asarray((column + 0.5) * CELL_M + corridor.right_m, dtype=np.float64)
-    residual = mean[row, column]
-    noise = _noise(residual, weight[row, column])
-    return Deviations(along, across, np.hypot(along, across), residual, noise, sensor_height_m)
+    weight, summed = np.zeros(shape), np.zeros(shape)
+    path = (corridor.curvature_per_m, *corridor.path_m, corridor.right_m)
+    for frame in frames:
+        seen_from = np.ascontiguousarray(sensor_from_odom)
+        _add_cells(frame.centre_odom_m, frame.hits, frame.total_m, seen_from, path, weight, summed)
+    _smooth(weight, summed, _kernel())
+    along, across, residual, certainty = _certain(weight, summed, corridor.right_m)
+    range_m, noise = np.hypot(along, across), _noise(residual, certainty)
+    return Deviations(along, across, range_m, residual, noise, sensor_height_m, cell_m=CELL_M)
 
 
 @njit(cache=True, nogil=True)
-def _seen_from(points: FloatArray, sensor_from_odom: FloatArray) -> FloatArray:
-    """Points (N, 3) of `odom` in the plane of the frame `sensor`, (N, 2)."""
-    xy = np.empty((len(points), 2))
-    for i in range(len(points)):
-        for k in range(2):
-            turned = sensor_from_odom[k, 0] * points[i, 0] + sensor_from_odom[k, 1] * points[i, 1]
-            xy[i, k] = turned + sensor_from_odom[k, 2] * points[i, 2] + sensor_from_odom[k, 3]
-    return xy
+def _add_cells(
+    centres: FloatArray,
+    hits: FloatArray,
+    total: FloatArray,
+    sensor_from_odom: FloatArray,
+    path: tuple[float, float, float, float, float],
+    weight: FloatArray,
+    summed: FloatArray,
+) -> None:
+    """Adds the cells (K,) of one sweep, in `odom`, to hits and residuals of the grid along the path of the corridor:
+    its curvature, the three terms of its offset, and where its right edge is."""
+    curvature, heading, bend, change, right = path
+    rows, columns = weight.shape
+    for i in range(len(centres)):
+        x, y = _seen(centres[i], sensor_from_odom[0]), _seen(centres[i], sensor_from_odom[1])
+        along, across = road_coordinate(x, y, curvature)
+        part = along / PATH_SCALE_M
+        across = across - part * (heading + part * (bend + part * change))
+        row, column = math.floor((along + BEHIND_M) / CELL_M), math.floor((across - right) / CELL_M)
+        if 0 <= row < rows and 0 <= column < columns:
+            weight[row, column] += hits[i]
+            summed[row, column] += total[i]
+
+
+@njit(cache=True, nogil=True)
+def _seen(point: FloatArray, axis: FloatArray) -> float:
+    """A point (3,) of `odom` along one axis of the frame `sensor`, a row (4,) of sensor_from_odom."""
+    turned = axis[0] * point[0] + axis[1] * point[1]
+    return float(turned + axis[2] * point[2] + axis[3])
+
+
+@njit(cache=True, nogil=True)
+def _certain(
+    weight: FloatArray, mean: FloatArray, right: float
+) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+    """Places along and across, mean residual and smoothed hits (K,) of the cells that hits say enough about."""
+    rows, columns = weight.shape
+    number = 0
+    for row in range(rows):
+        for column in range(columns):
+            number += weight[row, column] > MIN_WEIGHT
+    along, across, residual, hits = np.empty(number), np.empty(number), np.empty(number), np.empty(number)
+    number = 0
+    for row in range(rows):
+        for column in range(columns):
+            if weight[row, column] > MIN_WEIGHT:
+                along[number], across[number] = (row + 0.5) * CELL_M - BEHIND_M, (column + 0.5) * CELL_M + right
+                residual[number], hits[number] = mean[row, column], weight[row, column]
+                number += 1
+    return along, across, residual, hits
 
 
 def _kernel() -> FloatArray:
@@ -121,23 +171,9 @@ def _kernel() -> FloatArray:
 
 
 @njit(cache=True, nogil=True)
-def _smoothed(
-    along: FloatArray,
-    across: FloatArray,
-    hits: FloatArray,
-    total: FloatArray,
-    right: float,
-    shape: tuple[int, int],
-    kernel: FloatArray,
-) -> tuple[FloatArray, FloatArray]:
-    """Smoothed hits and mean residual of each cell of the strip."""
-    rows, columns = shape
-    weight, summed = np.zeros((rows, columns)), np.zeros((rows, columns))
-    for i in range(len(along)):
-        row, column = int(np.floor((along[i] + BEHIND_M) / CELL_M)), int(np.floor((across[i] - right) / CELL_M))
-        if 0 <= row < rows and 0 <= column < columns:
-            weight[row, column] += hits[i]
-            summed[row, column] += total[i]
+def _smooth(weight: FloatArray, summed: FloatArray, kernel: FloatArray) -> None:
+    """Smooths the hits of each cell of the strip, and makes of the summed residuals smoothed means."""
+    rows, columns = weight.shape
     reach = len(kernel) // 2
     w, v = np.zeros((rows, columns)), np.zeros((rows, columns))
     for row in range(rows):
@@ -156,22 +192,21 @@ def _smoothed(
         for column in range(columns):
             if weight[row, column] > 0.0:
                 summed[row, column] /= weight[row, column]
-    return weight, summed
 
 
 @njit(cache=True, nogil=True)
 def _noise(residual: FloatArray, weight: FloatArray) -> FloatArray:
     """Standard deviation (K,) of the cells' means, measured among those of equal certainty."""
+    classes = len(WEIGHT_CLASSES)
     kind = np.searchsorted(WEIGHT_CLASSES, weight, side="right") - 1
-    of_kind, flat = np.empty(len(WEIGHT_CLASSES)), np.empty(len(residual))
-    known = NOISE_BAND_M / 3.0
-    for k in range(len(WEIGHT_CLASSES)):
-        number = 0
-        for i in range(len(residual)):
-            if kind[i] == k and abs(residual[i]) < NOISE_BAND_M:
-                flat[number] = abs(residual[i])
-                number += 1
-        if number >= MIN_CLASS_CELLS:
-            known = max(MAD_TO_SD * np.median(flat[:number]), NOISE_FLOOR_M)
+    number, flat = np.zeros(classes, dtype=np.int64), np.empty((classes, len(residual)))
+    for i in range(len(residual)):
+        if abs(residual[i]) < NOISE_BAND_M:
+            flat[kind[i], number[kind[i]]] = abs(residual[i])
+            number[kind[i]] += 1
+    of_kind, known = np.empty(classes), NOISE_BAND_M / 3.0
+    for k in range(classes):
+        if number[k] >= MIN_CLASS_CELLS:
+            known = max(MAD_TO_SD * np.median(flat[k, : number[k]]), NOISE_FLOOR_M)
         of_kind[k] = known
     return of_kind[kind]

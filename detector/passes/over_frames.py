@@ -13,7 +13,7 @@ from detector.obstacles.confidence import GRID_HOLE_WEIGHTS, GRID_RISE_WEIGHTS
 from detector.obstacles.recognition import recognise
 from detector.obstacles.verification import Candidates, candidates_of, likely
 from detector.passes.accumulator import Accumulator
-from detector.passes.height_grid import CELL_M, deviations_over
+from detector.passes.height_grid import deviations_over
 from detector.road.corridor import Corridor
 from detector.road.deviations import Deviations
 from detector.road.ground import from_road_coordinates
@@ -52,8 +52,7 @@ def detect_over_frames(
     deviations = deviations_over(state.recent, sensor_from_odom, corridor, sweep.sensor_height_m)
     holes, rises = grid_candidates(deviations, corridor)
     clusters = likely(holes, GRID_HOLE_WEIGHTS, MIN_CONFIDENCE) + likely(rises, GRID_RISE_WEIGHTS, MIN_CONFIDENCE)
-    points = _cells_in_sensor(deviations, corridor, sweep.sensor_height_m)
-    found = [_obstacle(points, deviations, cluster, len(state.recent)) for cluster in clusters]
+    found = [_obstacle(deviations, cluster, corridor, len(state.recent)) for cluster in clusters]
     together = [obstacle for obstacle in found if not _is_gutter(obstacle)]
     alone = [o for o in detection.obstacles if o.confidence >= MIN_CONFIDENCE and not _is_among(o, together)]
     return (*together, *alone)
@@ -80,18 +79,16 @@ def grid_candidates(deviations: Deviations, corridor: Corridor) -> tuple[Candida
     inside &= deviations.along_m > LEAST_ALONG_M
     limit = np.maximum(FLAG_SD * deviations.noise_m, MIN_RELIEF_M)
     low, high = inside & (deviations.residual_m < -limit), inside & (deviations.residual_m > limit)
-    return candidates_of(deviations, low, True, corridor, CELL_M), candidates_of(
-        deviations, high, False, corridor, CELL_M
+    return candidates_of(deviations, low, True, corridor), candidates_of(deviations, high, False, corridor)
+
+
+def _obstacle(deviations: Deviations, cluster: Cluster, corridor: Corridor, frames: int) -> DetectedObstacle:
+    """The obstacle of a cluster of cells in the frame `sensor`: they lie on the long profile plus their residual."""
+    along, across, residual, noise = (
+        values[cluster.indices]
+        for values in (deviations.along_m, deviations.across_m, deviations.residual_m, deviations.noise_m)
     )
-
-
-def _cells_in_sensor(deviations: Deviations, corridor: Corridor, sensor_height_m: float) -> FloatArray:
-    """Cells (K, 3) in the frame `sensor`, on the long profile plus their residual."""
-    across = deviations.across_m + corridor.offset_m(deviations.along_m)
-    xy = from_road_coordinates(deviations.along_m, across, corridor.curvature_per_m)
-    z = corridor.height_m(deviations.along_m) - sensor_height_m + deviations.residual_m
-    return np.concatenate([xy, z[:, None]], axis=1)
-
-
-def _obstacle(points: FloatArray, deviations: Deviations, cluster: Cluster, frames: int) -> DetectedObstacle:
-    return replace(recognise(points, deviations.residual_m, deviations.noise_m, cluster), frames=frames)
+    xy = from_road_coordinates(along, across + corridor.offset_m(along), corridor.curvature_per_m)
+    z = corridor.height_m(along) - deviations.sensor_height_m + residual
+    cells = replace(cluster, indices=np.arange(len(along)))
+    return replace(recognise(np.concatenate([xy, z[:, None]], axis=1), residual, noise, cells), frames=frames)

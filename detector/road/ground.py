@@ -78,7 +78,7 @@ def height_over_profile(
 def _height_over_profile(points: FloatArray, sensor_height: float, curvature: float, profile: FloatArray) -> FloatArray:
     height = np.empty(len(points))
     for i in range(len(points)):
-        s, _ = _road_coordinate(points[i, 0], points[i, 1], curvature)
+        s, _ = road_coordinate(points[i, 0], points[i, 1], curvature)
         s = min(max(s, -BEHIND_M), AHEAD_M)
         height[i] = points[i, 2] + sensor_height - (profile[0] + s * (profile[1] + s * profile[2]))
     return height
@@ -99,8 +99,11 @@ def road_coordinates(points_m: FloatArray, curvature_per_m: float) -> tuple[Floa
 
 
 @njit(cache=True, nogil=True)
-def _road_coordinate(x: float, y: float, curvature: float) -> tuple[float, float]:
-    """With centre (0, 1/c), the offset 1/c - distance to the centre is written so that c = 0 needs no special case."""
+def road_coordinate(x: float, y: float, curvature: float) -> tuple[float, float]:
+    """Distance along and offset across of one point of `road_coordinates`.
+
+    With centre (0, 1/c), the offset 1/c - distance to the centre is written so that c = 0 needs no special case.
+    """
     if abs(curvature) < 1e-9:
         return x, y
     bend = curvature * (x * x + y * y)
@@ -112,7 +115,7 @@ def _road_coordinate(x: float, y: float, curvature: float) -> tuple[float, float
 def _road_coordinates(points: FloatArray, curvature: float) -> tuple[FloatArray, FloatArray]:
     along, across = np.empty(len(points)), np.empty(len(points))
     for i in range(len(points)):
-        along[i], across[i] = _road_coordinate(points[i, 0], points[i, 1], curvature)
+        along[i], across[i] = road_coordinate(points[i, 0], points[i, 1], curvature)
     return along, across
 
 
@@ -131,7 +134,7 @@ def _candidates(
         band = BAND_M + BAND_GRADE * (abs(x) + abs(y))
         if z < -band or z > band + STANDING_M or abs(x) > reach or abs(y) > reach:
             continue
-        s, t = _road_coordinate(x, y, curvature)
+        s, t = road_coordinate(x, y, curvature)
         if -BEHIND_M < s < AHEAD_M and abs(t) < REACH_M:
             index[kept], along[kept], across[kept], height[kept] = i, s, t, z
             kept += 1

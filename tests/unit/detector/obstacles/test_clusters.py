@@ -6,8 +6,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.ndimage import label
 
-from detector.obstacles.clusters import Cluster
+from detector.obstacles.clusters import OCCUPIED, Cluster, group, number_components
 from detector.obstacles.verification import find_clusters
 from detector.road.corridor import Corridor
 from detector.road.deviations import Deviations
@@ -110,3 +113,22 @@ def test_a_hump_that_leaves_no_road_beside_it_is_found() -> None:
     road = flat_road()
     (cluster,) = clusters_of(with_residual(road, np.abs(road.along_m - 8.0) < 0.4, 0.09))
     assert not cluster.is_negative
+
+
+@settings(max_examples=30, deadline=None)
+@given(st.integers(0, 10_000), st.floats(0.02, 0.5))
+def test_cells_that_touch_are_one_component_in_the_order_of_the_rows(seed: int, share: float) -> None:
+    occupied = np.random.default_rng(seed).random((23, 31)) < share
+    component = np.where(occupied, OCCUPIED, 0).astype(np.int32)
+    number_components(component)
+    expected, _ = label(occupied, structure=np.ones((3, 3)))
+    assert np.array_equal(component, expected)
+
+
+def test_what_lies_a_cell_apart_is_two_clusters_and_a_point_alone_is_none() -> None:
+    along = np.array([5.0, 5.1, 6.5, 6.6, 20.0, 5.05])
+    across, height_m = np.zeros(6), 1.7
+    road = Deviations(along, across, along, np.full(6, -0.1), np.full(6, NOISE_M), height_m)
+    candidates = np.array([True, True, True, True, True, False])
+    assert [members.tolist() for members in group(road, candidates)] == [[0, 1], [2, 3]]
+    assert group(road, np.zeros(6, dtype=np.bool_)) == []
