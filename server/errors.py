@@ -195,10 +195,13 @@ def _what(item: Mapping[str, Any]) -> str:
     return str(item["msg"]).removeprefix("Value error, ")
 
 
+# How pydantic names alternatives of a type: no part of the path that the caller wrote.
+_ALTERNATIVES = ("constrained-", "function-", "str-enum[", "literal[")
+
+
 def _place(item: Mapping[str, Any]) -> str:
     location: Sequence[int | str] = item["loc"][:1] if item["type"] == "json_invalid" else item["loc"]
-    # Alternatives of a type are named as `constrained-float`: no part of the path that the caller wrote.
-    return ".".join(str(part) for part in location if not str(part).startswith(("constrained-", "function-")))[:200]
+    return ".".join(str(part) for part in location if not str(part).startswith(_ALTERNATIVES))[:200]
 
 
 def install(app: FastAPI) -> None:

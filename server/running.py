@@ -11,6 +11,7 @@ import signal
 import socket
 import time
 from collections.abc import Callable
+from contextlib import suppress
 from types import FrameType
 
 import uvicorn
@@ -37,7 +38,9 @@ def run(settings: Settings) -> int:
     asyncio.run(preflight(settings))
     app = create_app(settings)
     server = _Server(listening(app, settings), settings.drain_s, app.state.readiness.end)
-    server.run()
+    # uvicorn's own end, with a code of its own, when it cannot listen; it has said why.
+    with suppress(SystemExit):
+        server.run()
     return 0 if server.started else 1
 
 
