@@ -17,16 +17,15 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
 from contract.geometry import LatLon
-from contract.observation import ObservationReport, ReportResult
 from detector.errors import DetectorError
 from detector.pipeline import estimate_sensor_height
 from headsup.ending import EndedEarly, Ending
-from vehicle_client.area import Heard
 from vehicle_client.drive import Step, Vehicle
 from vehicle_client.frames import GeoOrigin, rigid
 from vehicle_client.link.background import BackgroundLink
 from vehicle_client.link.http_asking import UnusableError
 from vehicle_client.link.map_store import MapStore
+from vehicle_client.link.nobody import NobodyLink
 from vehicle_client.link.outbox import OutboxError
 from vehicle_client.link.server_link import LinkStatus, ServerLink
 from vehicle_client.obstacle_map import ObstacleMap
@@ -102,21 +101,6 @@ class Outcome:
     """How often the recording could not be read at its pace."""
     link: LinkStatus | None
     recording_stopped: str | None
-
-
-class NobodyLink:
-    """Stands where there is no server: hears nothing, tells nobody."""
-
-    def hear(self, position: LatLon) -> Sequence[Heard]:
-        """Nothing."""
-        return ()
-
-    def put(self, report: ObservationReport) -> None:
-        """It was counted; it goes nowhere."""
-
-    def deliver(self) -> Sequence[ReportResult]:
-        """Nothing."""
-        return ()
 
 
 def run(asked: Asked) -> Outcome:
