@@ -44,6 +44,7 @@ from vehicle_client.sources.frame import LidarFrame, SourceError
 from vehicle_client.sources.opening import CountingSource, SourceOptions, open_source
 from vehicle_client.sources.shifting import begun_at
 from vehicle_client.totals import Totals
+from vehicle_client.warming import load_compiled
 
 API_KEY_VARIABLE = "HEADSUP_API_KEY"
 
@@ -144,6 +145,8 @@ def _run(asked: Asked, ending: Ending) -> Outcome:
             listeners.append(_recording(recorder, car))
         if store is not None:
             listeners.append(lambda step, _: store.save_if_due(step.known, step.frame.stamp_s))
+        if asked.is_realtime:
+            _load_compiled()
         preparing = stack.enter_context(Preparing(car, realtime=asked.is_realtime))
         paced = stack.enter_context(
             Paced[Known](frames, preparing, realtime=asked.is_realtime, is_recorded=not asked.is_live)
@@ -166,6 +169,12 @@ def _run(asked: Asked, ending: Ending) -> Outcome:
         status,
         None if recorder is None else recorder.stopped,
     )
+
+
+def _load_compiled() -> None:
+    """No sweep waits for what is compiled: on a new machine its first use takes a minute."""
+    with Console(stderr=True).status("loading what is compiled; the first time it is compiled, for a minute"):
+        load_compiled()
 
 
 def _topics(given: Sequence[str]) -> dict[str, str]:

@@ -85,7 +85,7 @@ def surroundings(
     by_metre = deviations.by_metre
     own = _own(members, starts, signed, deviations.noise_m, deviations.along_m, deviations.across_m)
     inner, sides, means, context = _around(
-        own[:, 4:],
+        own[:, 4:].copy(),
         deviations.level_range_m,
         members,
         starts,
