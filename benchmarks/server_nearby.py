@@ -19,6 +19,7 @@ from benchmarks.server_queries import (
     filtered_path,
     near_obstacles,
     one_in_each_tile,
+    removed_too_path,
     write_queries,
 )
 from benchmarks.server_report import Report, Stock
@@ -98,10 +99,12 @@ def run(few: Stock, many: Stock, peers: Path | None, report: Report, rounds: int
 
 
 def _own(server: Measured, queries: _Queries) -> list[Subject]:
+    by_sql = queries.fresh("sql", removed_too_path, _FRESH_BY_SQL)
     return [
         Subject(f"HeadsUp, {_REPEATED}", server, queries.repeated("own")),
         Subject(f"HeadsUp, {_FRESH}", server, queries.fresh("own")),
-        Subject(f"HeadsUp by SQL (a filter), {_FRESH}", server, queries.fresh("sql", filtered_path, _FRESH_BY_SQL)),
+        Subject(f"HeadsUp, filtered, {_FRESH}", server, queries.fresh("filtered", filtered_path)),
+        Subject(f"HeadsUp, removed ones too, by SQL, {_FRESH}", server, by_sql),
     ]
 
 

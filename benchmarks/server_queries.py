@@ -25,8 +25,13 @@ def circle_path(latitude_deg: float, longitude_deg: float, radius_m: float) -> s
 
 
 def filtered_path(latitude_deg: float, longitude_deg: float, radius_m: float) -> str:
-    """The same with a filter that every obstacle passes: the service answers such queries by SQL."""
+    """The same with a filter that every obstacle passes."""
     return f"{circle_path(latitude_deg, longitude_deg, radius_m)}&kind=pothole,bump"
+
+
+def removed_too_path(latitude_deg: float, longitude_deg: float, radius_m: float) -> str:
+    """The same with what was removed, which memory does not hold: the service answers such queries by SQL."""
+    return f"{circle_path(latitude_deg, longitude_deg, radius_m)}&state=candidate,confirmed,removed"
 
 
 def near_obstacles(places_deg: FloatArray, number: int, seed: int) -> FloatArray:

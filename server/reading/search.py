@@ -19,6 +19,7 @@ from contract.observation import State
 from contract.obstacle import ObstacleFeature
 from server.geometry.bounds import Bounds
 from server.geometry.quadkey import CELL_ZOOM, Ranges, cover
+from server.life.decay import lasts_s
 from server.life.identity import shard_of_id
 from server.life.policy import Life
 from server.reading.around import Circle, Key, nearest
@@ -113,9 +114,8 @@ class Search:
         return or_(is_live, _TABLE.c.state == State.REMOVED.value) if State.REMOVED in states else is_live
 
     def _is_sure_enough(self, confidence: float) -> ColumnElement[bool]:
-        """Decayed confidence as a moment: it passes any value a fixed number of half-lives before `expires_at`."""
-        half_lives = math.log2(confidence / self._life.expired_confidence)
-        return or_(*(self._lasts(kind, half_lives * self._life.half_life_s[kind]) for kind in Kind))
+        """Decayed confidence as a moment."""
+        return or_(*(self._lasts(kind, lasts_s(confidence, kind, self._life)) for kind in Kind))
 
     def _lasts(self, kind: Kind, seconds: float) -> ColumnElement[bool]:
         return and_(_TABLE.c.kind == kind.value, _TABLE.c.expires_at >= self._now + timedelta(seconds=seconds))

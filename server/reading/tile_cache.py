@@ -12,6 +12,7 @@ from collections import OrderedDict
 from collections.abc import Iterable
 from operator import itemgetter
 from typing import NamedTuple
+from uuid import UUID
 
 from contract.geometry import LatLon
 from server.geometry.geodesy import LocalMetric, distance_m, local_metric, mercator
@@ -191,6 +192,11 @@ def in_order(found: Iterable[Found], circle: Around) -> list[Found]:
         _, mark, entry = ordered[index]
         ordered[index] = (_geodesic_m(entry, circle.centre), mark, entry)
     return [item for item in sorted(ordered) if item[0] <= circle.radius_m]
+
+
+def identifier_of(entry: Entry) -> UUID:
+    """The obstacle's id."""
+    return UUID(bytes=entry[2][:_ID_BYTES])
 
 
 def _geodesic_m(entry: Entry, centre: LatLon) -> float:

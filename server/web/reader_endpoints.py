@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from datetime import UTC, datetime
 from typing import Annotated, Any
 from uuid import UUID
@@ -12,14 +13,15 @@ from pydantic import Field, model_validator
 
 from contract.history import ObstacleHistory
 from contract.obstacle import ObstacleCollection, ObstacleFeature, ObstaclePoints
-from server.errors import ObstacleNotFoundError, VersionNotFoundError
+from server.errors import ObstacleNotFoundError, ServiceError, VersionNotFoundError
 from server.formats.names import FormatName
 from server.formats.registry import FORMATS, GEOJSON, Format, chosen
 from server.life.obstacle import Obstacle
-from server.reading import collection, representation
+from server.logs import FIELDS
+from server.reading import collection, remembered, representation
 from server.reading.around import Circle, Key
 from server.reading.cursors import cursor_of, position_of
-from server.reading.query import Missing, ObstacleQuery, Parameters
+from server.reading.query import Filters, Missing, ObstacleQuery, Parameters
 from server.reading.search import Search
 from server.storage import history
 from server.storage.repository import Repository
@@ -27,6 +29,7 @@ from server.storage.versions import all_versions, points_of
 from server.web.dependencies import REFUSALS, CallerNow, Parts, PartsNow, bearer, once_each, refusals
 
 Features = tuple[ObstacleFeature, ...]
+_LOG = logging.getLogger(__name__)
 
 
 class GeoJson(JSONResponse):
@@ -167,14 +170,29 @@ def one(request: Request, feature: ObstacleFeature, form: Format) -> Response:
 
 async def _searched(parts: Parts, query: ObstacleQuery) -> tuple[Features, Key | None]:
     """The page's features in order, and the last one's key when more follow."""
-    area, after = query.area, query.after()
+    area, filters, after, now = query.area, query.filters, query.after(), datetime.now(UTC)
+    if isinstance(area, Circle) and after is None and remembered.is_remembered(area, filters):
+        features = await _remembered(parts, area, filters, now)
+        if features is not None and len(features) <= query.limit:
+            return features, None
     async with parts.database.read() as connection:
-        search = Search(connection, parts.life, datetime.now(UTC))
+        search = Search(connection, parts.life, now)
         if isinstance(area, Circle):
-            page = await search.around(area, query.filters, after, query.limit)
+            page = await search.around(area, filters, after, query.limit)
         else:
-            page = await search.inside(area, query.filters, after, query.limit)
+            page = await search.inside(area, filters, after, query.limit)
     return page.features, page.more_behind
+
+
+async def _remembered(parts: Parts, circle: Circle, filters: Filters, now: datetime) -> Features | None:
+    """All of a circle from memory; None when that fails but SQL may not."""
+    try:
+        return await remembered.around(parts.nearby, circle, filters, parts.life, now)
+    except ServiceError:
+        raise
+    except Exception:  # a fault of this way costs the caller time, not the answer
+        _LOG.exception("unexpected error", extra={FIELDS: {"route": "/v1/obstacles"}})
+        return None
 
 
 async def _stored(repository: Repository, identifier: UUID) -> Obstacle:

@@ -11,6 +11,10 @@ import httpx
 from contract.geometry import LatLon
 from contract.observation import ObservationBatch, ObservationBatchResult, ObservationReport, ReportResult
 from contract.obstacle import ObstacleCollection, ObstacleFeature
+from server.reading.around import Circle
+from server.reading.query import ObstacleQuery
+from server.reading.search import Search
+from server.web.dependencies import Parts
 from tests.unit.server.making import HOUR, PATRAS
 
 JSON = {"Content-Type": "application/json"}
@@ -39,6 +43,19 @@ async def obstacles(client: httpx.AsyncClient, **query: Any) -> tuple[ObstacleFe
     answer = await client.get("/v1/obstacles", params=query)
     assert answer.status_code == 200, answer.text
     return ObstacleCollection.model_validate_json(answer.content).features
+
+
+async def by_sql(client: httpx.AsyncClient, **query: Any) -> list[dict[str, Any]]:
+    """All that SQL finds in a circle, where the client's server, in this process, may answer from memory."""
+    transport = client._transport
+    assert isinstance(transport, httpx.ASGITransport)
+    parts: Parts = transport.app.state.parts  # type: ignore[attr-defined]  # FastAPI's
+    asked = ObstacleQuery.model_validate(query)
+    assert isinstance(asked.area, Circle)
+    async with parts.database.read() as connection:
+        search = Search(connection, parts.life, datetime.now(UTC))
+        page = await search.around(asked.area, asked.filters, None, 100_000)
+    return [feature.model_dump(mode="json") for feature in page.features]
 
 
 async def pages(client: httpx.AsyncClient, path: str, **query: Any) -> list[dict[str, Any]]:

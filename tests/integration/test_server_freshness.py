@@ -20,7 +20,7 @@ from contract.geometry import LatLon
 from contract.obstacle import ObstacleFeature
 from server.geometry.geodesy import offset_from
 from server.settings import Settings
-from tests.integration.asking import JSON, posted
+from tests.integration.asking import JSON, by_sql, posted
 from tests.integration.conftest import serving
 from tests.integration.processes import serving_processes
 from tests.unit.server.making import PATRAS, absent, detection, message
@@ -225,6 +225,7 @@ def test_the_answer_from_memory_is_that_of_the_typed_route_byte_for_byte(
         assert quick.json()["features"] == typed.json()["features"]
         if "links" not in typed.json():
             assert (quick.content, quick.headers["etag"]) == (typed.content, typed.headers["etag"])
+            assert typed.json()["features"] == runner.run(by_sql(client, **httpx.QueryParams(query)))
         answered.append(len(typed.json()["features"]))
 
     same()

@@ -16,27 +16,48 @@ from benchmarks.peer_servers import PEERS, box_about
 from benchmarks.server_data import synthetic_city
 from benchmarks.server_load import Cost, Load
 from benchmarks.server_processes import Measured
-from benchmarks.server_queries import circle_path, filtered_path, near_obstacles, one_in_each_tile, write_queries
+from benchmarks.server_queries import (
+    circle_path,
+    filtered_path,
+    near_obstacles,
+    one_in_each_tile,
+    removed_too_path,
+    write_queries,
+)
 from benchmarks.server_report import Report, Row
 from benchmarks.server_turns import Subject
 from contract.geometry import Kind
+from server.reading.around import Circle
 from server.reading.query import ObstacleQuery
+from server.reading.remembered import is_remembered
 from server.web.nearby_route import parsed
+
+
+def _query(text: str, *lists: str) -> ObstacleQuery:
+    named = parse_qs(text)
+    return ObstacleQuery.model_validate({name: value if name in lists else value[0] for name, value in named.items()})
+
 
 latitudes = st.floats(-70, 70).map(lambda value: round(value, 7))
 longitudes = st.floats(-179, 179).map(lambda value: round(value, 7))
 
 
 @given(latitudes, longitudes)
-def test_a_plain_circle_is_answered_from_memory_and_a_filtered_one_by_sql(lat_deg: float, lon_deg: float) -> None:
+def test_a_plain_circle_is_answered_at_once_a_filtered_one_from_memory_and_what_is_gone_by_sql(
+    lat_deg: float, lon_deg: float
+) -> None:
     asked = parsed(urlsplit(circle_path(lat_deg, lon_deg, 300.0)).query.encode())
     assert asked is not None
     assert (asked.centre.latitude_deg, asked.centre.longitude_deg, asked.radius_m) == (lat_deg, lon_deg, 300.0)
     filtered = urlsplit(filtered_path(lat_deg, lon_deg, 300.0)).query
     assert parsed(filtered.encode()) is None
-    named = parse_qs(filtered)
-    query = ObstacleQuery.model_validate({name: value[0] for name, value in named.items()} | {"kind": named["kind"]})
+    query = _query(filtered, "kind")
     assert query.filters.kinds == {Kind.POTHOLE, Kind.BUMP}, "all that the benchmark stores"
+    assert isinstance(query.area, Circle)
+    assert is_remembered(query.area, query.filters)
+    query = _query(urlsplit(removed_too_path(lat_deg, lon_deg, 300.0)).query, "state")
+    assert isinstance(query.area, Circle)
+    assert not is_remembered(query.area, query.filters)
 
 
 @given(latitudes, longitudes, st.floats(10, 2_000))
