@@ -15,7 +15,7 @@ from server.life.decay import lasts_s
 from server.life.policy import Life
 from server.reading.around import Circle, nearest
 from server.reading.nearby import GREATEST_RADIUS_M, Nearby
-from server.reading.query import Filters
+from server.reading.query import MAX_FEATURES, Filters
 from server.reading.tile_cache import Entry, identifier_of
 
 # So many texts are read in 1 ms, less than a thread's beginning and end delay others.
@@ -31,11 +31,13 @@ def is_remembered(circle: Circle, filters: Filters) -> bool:
 
 async def around(
     nearby: Nearby, circle: Circle, filters: Filters, life: Life, now: datetime
-) -> tuple[ObstacleFeature, ...]:
-    """All obstacles of a circle that `is_remembered`, by geodesic distance and id."""
+) -> tuple[ObstacleFeature, ...] | None:
+    """All obstacles of a circle that `is_remembered`, by geodesic distance and id; None of a crowd, for SQL to page."""
     entries = [entry for _, _, entry in await nearby.within(circle.centre, circle.radius_m, now)]
     if circle.ahead is not None:
         entries = _ahead(circle, entries)
+    if len(entries) > MAX_FEATURES:
+        return None
     if len(entries) <= _READ_AT_ONCE:
         return _wanted(entries, filters, life, now)
     return await asyncio.to_thread(_wanted, entries, filters, life, now)
