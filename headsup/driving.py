@@ -23,7 +23,7 @@ from headsup.ending import EndedEarly, Ending
 from vehicle_client.drive import Step, Vehicle
 from vehicle_client.frames import GeoOrigin, rigid
 from vehicle_client.link.background import BackgroundLink
-from vehicle_client.link.http_asking import UnusableError
+from vehicle_client.link.http_asking import API_KEY_VARIABLE, UnusableError
 from vehicle_client.link.map_store import MapStore
 from vehicle_client.link.nobody import NobodyLink
 from vehicle_client.link.outbox import OutboxError
@@ -45,8 +45,6 @@ from vehicle_client.sources.opening import CountingSource, SourceOptions, open_s
 from vehicle_client.sources.shifting import begun_at
 from vehicle_client.totals import Totals
 from vehicle_client.warming import load_compiled
-
-API_KEY_VARIABLE = "HEADSUP_API_KEY"
 
 FAST_DRIVE_S = 3 * 3600.0
 """A recording that is driven through faster than it was made must not run into the future: it begins so long ago."""

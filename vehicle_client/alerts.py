@@ -182,8 +182,11 @@ def _not_passed(known: ObstacleMap, tracks: Sequence[Track], pose: Pose, alignme
         else:
             track, centre = own.pop(track_id)
             hazards.append(_hazard(kind, centre, _shape(track, pose), pose, 0.0, obstacle_id, track_id))
+    # A post is told to nobody (`vehicle_client.moments`), nor to the driver, unless the server warns of it.
     hazards += [
-        _hazard(Kind(t.kind), centre, _shape(t, pose), pose, 0.0, None, t.track_id) for t, centre in own.values()
+        _hazard(Kind(t.kind), centre, _shape(t, pose), pose, 0.0, None, t.track_id)
+        for t, centre in own.values()
+        if not t.is_post
     ]
     return [h for h in hazards if h.distance_m > 0]
 

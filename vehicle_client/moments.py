@@ -16,10 +16,11 @@ import numpy as np
 
 from contract.geometry import Sign
 from contract.obstacle import ObstacleFeature
-from detector.types import DetectedObstacle, ObstacleKind
+from detector.types import DetectedObstacle
 from vehicle_client.alignment import Alignment
 from vehicle_client.frames import Matrix, apply, inverse
 from vehicle_client.positioning.pose import Pose
+from vehicle_client.posts import is_post
 from vehicle_client.reporting import known_place
 from vehicle_client.tracking import Track
 
@@ -47,12 +48,6 @@ MOVED_M, MOVED_SDS = 0.3, 3.0
 
 KNOWN_M = 4.0
 """A track and a mapped obstacle of one sign nearer than this are one: 3 sigma of two satellite positions."""
-
-POST_BESIDE_M = 1.75
-"""Half a lane of 3.5 m: what stands farther beside the car's course is not in the way of whoever follows it."""
-
-POST_HEIGHT_M, POST_SLENDERNESS = 0.4, 1.5
-"""Bollards and marker posts are half a metre to a metre high and 0.1 to 0.3 m thick; what falls off a lorry lies."""
 
 
 class Moment(Enum):
@@ -124,7 +119,7 @@ def known_tracks(
 
 def is_to_be_told(due: Due, measured: DetectedObstacle) -> bool:
     """Whether a measurement is of an obstacle for others, and says something that was not told in this pass."""
-    if is_post_beside_the_lane(due.track, measured):
+    if is_measured_as_post(due.track, measured):
         return False
     told = due.track.told
     if told is None:
@@ -132,12 +127,9 @@ def is_to_be_told(due: Due, measured: DetectedObstacle) -> bool:
     return has_changed(told, measured)
 
 
-def is_post_beside_the_lane(track: Track, measured: DetectedObstacle) -> bool:
-    """Whether it stands upright and slender beside the lane, as bollards do where a road has no kerb."""
-    if measured.kind is not ObstacleKind.DEBRIS or track.beside_m < POST_BESIDE_M:
-        return False
-    thickness_m = math.sqrt(measured.length_m * measured.width_m)
-    return measured.relief_m >= max(POST_HEIGHT_M, POST_SLENDERNESS * thickness_m)
+def is_measured_as_post(track: Track, measured: DetectedObstacle) -> bool:
+    """Whether what was measured is a post beside the lane."""
+    return is_post(measured.kind, track.beside_m, measured.length_m, measured.width_m, measured.relief_m)
 
 
 def has_changed(told: DetectedObstacle, measured: DetectedObstacle) -> bool:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from vehicle_client.alerts import Alerts, Stage
 from vehicle_client.drive import Measured, Step
-from vehicle_client.moments import Moment, is_post_beside_the_lane
+from vehicle_client.moments import Moment, is_measured_as_post
 
 LATEST_MS = 10_000
 """Whoever hears of an obstacle later has passed it; later counts as this."""
@@ -135,4 +135,4 @@ class Totals:
 
 def _kind(measured: Measured) -> str:
     track = measured.due.track
-    return "post" if is_post_beside_the_lane(track, measured.obstacle) else track.kind.value
+    return "post" if is_measured_as_post(track, measured.obstacle) else track.kind.value

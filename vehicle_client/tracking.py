@@ -9,6 +9,7 @@ import numpy as np
 
 from detector.types import DetectedObstacle, ObstacleKind
 from vehicle_client.frames import Matrix, Vector, apply
+from vehicle_client.posts import is_post
 
 GATE_M = 1.2
 """A detection joins a track nearer than this: above a frame's error of a centre, below the gap of two holes."""
@@ -38,6 +39,7 @@ class Track:
     debris_votes: int
     length_m: float
     width_m: float
+    relief_m: float
     yaw_rad: float
     sightings: int
     first_stamp_s: float
@@ -69,6 +71,11 @@ class Track:
     def confirmed(self) -> bool:
         """Whether it was seen often enough to be believed."""
         return self.sightings >= CONFIRMED_AFTER
+
+    @property
+    def is_post(self) -> bool:
+        """Whether it stands beside the lane as a post does."""
+        return is_post(self.kind, self.beside_m, self.length_m, self.width_m, self.relief_m)
 
     @property
     def is_static(self) -> bool:
@@ -132,6 +139,7 @@ def _begun(
         debris_votes=int(obstacle.kind is ObstacleKind.DEBRIS),
         length_m=obstacle.length_m,
         width_m=obstacle.width_m,
+        relief_m=obstacle.relief_m,
         yaw_rad=_yaw_in_odom(obstacle, odom_from_sensor),
         sightings=1,
         first_stamp_s=stamp_s,
@@ -154,6 +162,7 @@ def _joined(
         debris_votes=track.debris_votes + (obstacle.kind is ObstacleKind.DEBRIS),
         length_m=(track.length_m + obstacle.length_m) / 2,
         width_m=(track.width_m + obstacle.width_m) / 2,
+        relief_m=(track.relief_m + obstacle.relief_m) / 2,
         yaw_rad=_yaw_in_odom(obstacle, odom_from_sensor),
         sightings=track.sightings + 1,
         last_stamp_s=stamp_s,

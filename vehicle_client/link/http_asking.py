@@ -9,6 +9,12 @@ from urllib.parse import urlsplit
 
 import httpx
 
+API_KEY_VARIABLE = "HEADSUP_API_KEY"
+"""Where whoever begins a drive puts the vehicle's key."""
+
+KEY_NEEDED = f"set {API_KEY_VARIABLE} to a key that this server has made with `headsup keys create --role vehicle`"
+"""What to do about 401 and 403."""
+
 MAX_ANSWER_BYTES = 8 << 20
 """A page of a thousand obstacles takes one mebibyte; answers to a batch of reports take a fraction of it."""
 

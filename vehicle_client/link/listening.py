@@ -11,7 +11,7 @@ from random import Random
 from contract.geometry import LatLon
 from vehicle_client.area import Heard
 from vehicle_client.link.back_off import delay_s
-from vehicle_client.link.http_asking import client_for
+from vehicle_client.link.http_asking import KEY_NEEDED, client_for
 from vehicle_client.link.polling import Poller, PollError
 from vehicle_client.link.push import PushChannel, PushError
 
@@ -96,7 +96,7 @@ class Listener:
         self._failures += 1
         _LOG.info("the WebSocket fails: %s", error)
         if error.status in _REFUSALS:
-            self._note_refusal(str(error))
+            self._note_refusal(f"{error}; {KEY_NEEDED}")
         rarely = self.is_polling or error.status in _REFUSALS
         wait_s = PUSH_AGAIN_S if rarely else error.wait_s
         self._push_at_s = self._clock() + delay_s(self._failures, self._jitter.random(), wait_s)
@@ -108,7 +108,7 @@ class Listener:
             self.is_polling = False
             self._poll_failures += 1
             _LOG.info("polling fails: %s", error)
-            self._note_refusal(str(error) if error.status in _REFUSALS else self.refusal)
+            self._note_refusal(f"{error}; {KEY_NEEDED}" if error.status in _REFUSALS else self.refusal)
             self._poll_at_s = self._clock() + delay_s(self._poll_failures, self._jitter.random())
             return []
         if not self.is_polling:

@@ -17,6 +17,7 @@ from pydantic import ValidationError
 
 from contract.observation import ObservationBatchResult, ReportResult, ReportStatus
 from vehicle_client.link.back_off import retry_after_s
+from vehicle_client.link.http_asking import KEY_NEEDED
 
 PROBLEM = "urn:headsup:problem:"
 """What the `type` of the server's own problems begins with."""
@@ -90,6 +91,8 @@ def verdict(status: int, headers: Mapping[str, str], content: bytes, sent: Colle
             return Retry(said, retry_after_s(headers.get("retry-after"), now), fewer=status == TOO_SLOW)
         case _ if status >= HTTPStatus.INTERNAL_SERVER_ERROR:
             return Retry(said, retry_after_s(headers.get("retry-after"), now))
+        case HTTPStatus.UNAUTHORIZED | HTTPStatus.FORBIDDEN if problem is not None:
+            return Stop(f"{said}; {KEY_NEEDED}")
         case _:
             return Stop(said)
 

@@ -95,6 +95,8 @@ class DriveRecorder:
             self._part.replace(self._path)
         except OSError as error:
             LOG.warning("%s: cannot be finished: %s; %s can be read as far as it goes", self._path, error, self._part)
+            if self.stopped is None:
+                self.stopped = f"cannot be finished: {error.strerror or error}; {self._part} has what was written"
             self._abandon()
 
     def _stop(self, reason: str) -> None:

@@ -154,6 +154,7 @@ def track_at(
         debris_votes=int(kind is ObstacleKind.DEBRIS),
         length_m=0.9,
         width_m=0.7,
+        relief_m=0.1,
         yaw_rad=0.0,
         sightings=sightings,
         first_stamp_s=0.0,

@@ -245,3 +245,15 @@ def test_the_box_is_turned_with_the_car(heading_rad: float) -> None:
 def test_a_hazard_is_remembered_by_all_its_names() -> None:
     (hazard,) = told(map_of(feature(7, east_m=50)), (track_at(50, 0, 3),)).hazards
     assert len({*hazard.keys, *replace(hazard, track_id=None).keys}) == 2
+
+
+def test_of_a_post_beside_the_lane_the_driver_is_warned_only_if_the_server_warns() -> None:
+    """As it is not reported: upright, slender, and farther than half a lane beside the car's course."""
+    post = replace(track_at(30, 2.0, kind=ObstacleKind.DEBRIS), length_m=0.2, width_m=0.2, relief_m=0.8, beside_m=2.0)
+    nothing = map_of()
+    assert told(nothing, (post,)).hazards == ()
+    for other in (replace(post, beside_m=1.5), replace(post, relief_m=0.3), replace(post, length_m=2.0, width_m=1.0)):
+        (hazard,) = told(nothing, (other,)).hazards
+        assert hazard.kind is Kind.DEBRIS
+    (known,) = told(map_of(feature(kind=Kind.DEBRIS, east_m=30, north_m=2)), (post,)).hazards
+    assert known.recognised

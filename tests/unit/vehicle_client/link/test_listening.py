@@ -147,6 +147,7 @@ def test_a_refused_key_is_told_once_and_asked_about_rarely(
             assert heard.hear(PATRAS) == []
             clock.now_s += 1
         assert str(int(status)) in str(heard.refusal)
+        assert "set HEADSUP_API_KEY to a key" in str(heard.refusal)
         assert len(server.asked) < 12
         assert len([r for r in caplog.records if r.levelname == "ERROR" and "vehicle_client" in r.name]) == 1
         server.socket_status = HTTPStatus.OK

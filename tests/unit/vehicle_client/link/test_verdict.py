@@ -112,8 +112,19 @@ def test_a_200_of_another_contract_is_not_taken_for_an_answer(content: bytes) ->
     assert isinstance(meant(200, content), Stop)
 
 
+@pytest.mark.parametrize(("status", "kind"), [(401, "unauthenticated"), (403, "forbidden")])
+def test_a_key_that_the_server_does_not_take_is_named_with_what_to_do_and_a_proxys_is_not(
+    status: int, kind: str
+) -> None:
+    told = meant(status, problem(kind))
+    assert isinstance(told, Stop)
+    assert told.reason.startswith(f"{status}: of {kind}; set HEADSUP_API_KEY to a key ")
+    assert told.reason.endswith("`headsup keys create --role vehicle`")
+    assert meant(status, b"<html>Welcome</html>") in (Stop("401: Unauthorized"), Stop("403: Forbidden"))
+
+
 def test_the_reason_says_status_and_detail_in_a_bounded_line() -> None:
-    assert meant(401, problem("unauthenticated")) == Stop("401: of unauthenticated")
+    assert meant(409, problem("conflict")) == Stop("409: of conflict")
     assert meant(302) == Stop("302: Found")
     assert meant(999) == Retry("999: no known status")
     long = json.dumps({"title": "x" * 100_000}).encode()

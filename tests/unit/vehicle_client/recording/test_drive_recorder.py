@@ -200,6 +200,16 @@ def test_a_disk_that_fails_ends_the_recording_and_not_the_drive(tmp_path: Path) 
     assert not (tmp_path / "drive.mcap").exists()
 
 
+def test_a_recording_that_cannot_be_given_its_name_says_so_and_keeps_what_was_written(tmp_path: Path) -> None:
+    with DriveRecorder(tmp_path / "drive.mcap", CALIBRATION, least_free_bytes=0) as recorder:
+        recorder.add(bare(0))
+        (tmp_path / "drive.mcap").mkdir()
+    assert recorder.stopped is not None
+    assert recorder.stopped.startswith("cannot be finished: Is a directory")
+    assert recorder.stopped.endswith(f"{tmp_path / 'drive.mcap.part'} has what was written")
+    assert len(list(open_source(tmp_path / "drive.mcap.part"))) == 1
+
+
 def test_a_recording_whose_process_was_killed_is_read_as_far_as_it_was_written(tmp_path: Path) -> None:
     program = f"""
     import os, signal, sys
