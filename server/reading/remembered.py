@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from datetime import datetime, timedelta
+from itertools import islice
 
 import numpy as np
 
@@ -34,13 +35,9 @@ async def around(
 ) -> tuple[ObstacleFeature, ...] | None:
     """All obstacles of a circle that `is_remembered`, by geodesic distance and id; None of a crowd, for SQL to page."""
     entries = [entry for _, _, entry in await nearby.within(circle.centre, circle.radius_m, now)]
-    if circle.ahead is not None:
-        entries = _ahead(circle, entries)
-    if len(entries) > MAX_FEATURES:
-        return None
     if len(entries) <= _READ_AT_ONCE:
-        return _wanted(entries, filters, life, now)
-    return await asyncio.to_thread(_wanted, entries, filters, life, now)
+        return _chosen(circle, entries, filters, life, now)
+    return await asyncio.to_thread(_chosen, circle, entries, filters, life, now)
 
 
 def is_wanted(feature: ObstacleFeature, filters: Filters, life: Life, now: datetime) -> bool:
@@ -59,12 +56,19 @@ def is_wanted(feature: ObstacleFeature, filters: Filters, life: Life, now: datet
     return filters.first_seen_until is None or about.first_seen <= filters.first_seen_until
 
 
-def _wanted(entries: Iterable[Entry], filters: Filters, life: Life, now: datetime) -> tuple[ObstacleFeature, ...]:
+def _chosen(
+    circle: Circle, entries: Sequence[Entry], filters: Filters, life: Life, now: datetime
+) -> tuple[ObstacleFeature, ...] | None:
+    if circle.ahead is not None:
+        entries = _ahead(circle, entries)
+    if len(entries) > MAX_FEATURES:
+        return None
     features = (ObstacleFeature.model_validate_json(entry[3]) for entry in entries)
     return tuple(feature for feature in features if is_wanted(feature, filters, life, now))
 
 
 def _ahead(circle: Circle, entries: Sequence[Entry]) -> list[Entry]:
+    """What of it lies ahead, no more than one beyond a page: each takes a geodesic."""
     by_id = {identifier_of(entry): entry for entry in entries}
     places_deg = np.array([entry[4:] for entry in entries], dtype=np.float64).reshape(-1, 2)
-    return [by_id[key.id] for key in nearest(circle, list(by_id), places_deg, None)]
+    return [by_id[key.id] for key in islice(nearest(circle, list(by_id), places_deg, None), MAX_FEATURES + 1)]
