@@ -8,6 +8,7 @@ python -m vehicle_client.positioning.matching_worker SOCKET
 
 from __future__ import annotations
 
+import math
 import signal
 import socket
 import struct
@@ -17,12 +18,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vehicle_client.frames import Matrix
-from vehicle_client.positioning.odometry import ScanMatching
+from vehicle_client.positioning.odometry import ScanMatching, measured_speed_mps
 from vehicle_client.sources.frame import LidarFrame
 
 _LENGTH = struct.Struct("<I")
-_SWEEP = struct.Struct("<dI?")
-"""Stamp, number of points, whether their times follow them."""
+_SWEEP = struct.Struct("<ddI?3x")
+"""Stamp, speed (NaN: not known), number of points, whether their times follow them; as long as whole numbers of four
+bytes, so that the points are where a processor and compiled loops like them."""
 
 _FAILED = b"failed: "
 
@@ -68,9 +70,10 @@ def matrix_of(message: bytearray) -> Matrix | None:
 
 
 def send_sweep(peer: socket.socket, frame: LidarFrame) -> None:
-    """What matching takes of a frame whose points are (N, 3): them, their times and the stamp."""
-    times_s = frame.point_time_s
-    head = _SWEEP.pack(frame.stamp_s, len(frame.points_m), times_s is not None)
+    """What matching takes of a frame whose points are (N, 3): them, their times, the stamp and the speed."""
+    times_s, speed_mps = frame.point_time_s, measured_speed_mps(frame)
+    known_mps = math.nan if speed_mps is None else speed_mps
+    head = _SWEEP.pack(frame.stamp_s, known_mps, len(frame.points_m), times_s is not None)
     send(peer, head, _bytes_of(frame.points_m), b"" if times_s is None else _bytes_of(times_s))
 
 
@@ -81,10 +84,11 @@ def _bytes_of(values: NDArray[np.float32]) -> bytes | memoryview:
 
 def sweep_of(message: bytearray) -> LidarFrame:
     """The frame of a sweep's message."""
-    stamp_s, number, has_times = _SWEEP.unpack_from(message)
+    stamp_s, speed_mps, number, has_times = _SWEEP.unpack_from(message)
     values = np.frombuffer(message, dtype="<f4", offset=_SWEEP.size)
     points_m, times_s = values[: 3 * number].reshape(number, 3), values[3 * number :]
-    return LidarFrame(stamp_s, points_m, point_time_s=times_s if has_times else None)
+    speed = None if math.isnan(speed_mps) else speed_mps
+    return LidarFrame(stamp_s, points_m, speed_mps=speed, point_time_s=times_s if has_times else None)
 
 
 def work(peer: socket.socket) -> None:

@@ -32,6 +32,9 @@ CONVERGED = 2e-3
 """Metres and radians of a step after which no more are made. KISS-ICP's own 1e-4 takes nearly twice the time for the
 same way; 3e-3 is as good at 50 km/h, but its steps are twice as uneven at 90."""
 
+FORWARD_MPS = 5.0
+"""Nobody reverses faster: from here on a speed without a sign is one ahead."""
+
 UNEVEN = 0.1
 """Sweeps that are so much farther apart than those before, or nearer, as a share, are expected elsewhere."""
 
@@ -142,8 +145,9 @@ class Wheels(Tracker):
 class ScanMatching(Tracker):
     """KISS-ICP (Vizzo et al., IEEE RA-L 8(2), 2023): each sweep is laid on the map of those before it.
 
-    Points with times are brought to the sweep's stamp first, by the motion before. One thread, so that the same sweeps
-    give the same poses. It holds Python's lock for the whole of a match:
+    Points with times are brought to the sweep's stamp first, by the motion before. As it begins, a speed that somebody
+    has measured is that motion: KISS-ICP takes a car that begins at 20 m/s for one that stands. One thread, so that the
+    same sweeps give the same poses. It holds Python's lock for the whole of a match:
     `vehicle_client.positioning.matching_process` has it in a process of its own.
     """
 
@@ -166,7 +170,7 @@ class ScanMatching(Tracker):
             return None
         if self._stamps_s and is_gap(self._stamps_s[-1], frame.stamp_s):
             self._matcher, self._stamps_s = _matcher(), ()
-        self._expect(frame.stamp_s)
+        self._expect(frame)
         self._matcher.register_frame(points, np.empty(0))
         moved = np.asarray(self._matcher.last_pose, dtype=np.float64)
         if not np.isfinite(moved).all():
@@ -175,12 +179,12 @@ class ScanMatching(Tracker):
         self._stamps_s = (*self._stamps_s[-1:], frame.stamp_s)
         return self._vehicle_from_sensor @ moved @ inverse(self._vehicle_from_sensor)
 
-    def _expect(self, stamp_s: float) -> None:
+    def _expect(self, frame: LidarFrame) -> None:
         """KISS-ICP expects the motion before once more; where sweeps were left out, the car has gone on for longer."""
-        twist = self._twist()
-        if twist is None:
+        twist = self._twist(frame)
+        if twist is None or not self._stamps_s:
             return
-        elapsed_s, before_s = stamp_s - self._stamps_s[1], self._stamps_s[1] - self._stamps_s[0]
+        elapsed_s, before_s = frame.stamp_s - self._stamps_s[-1], self._stamps_s[-1] - self._stamps_s[0]
         if abs(elapsed_s - before_s) > UNEVEN * before_s:
             moved = twist.now_from_then(elapsed_s)
             # KISS-ICP ends the process for a turn that is one to seven digits only.
@@ -188,17 +192,28 @@ class ScanMatching(Tracker):
             self._matcher.last_delta = rigid(turn, moved[:3, 3])
 
     def _at_stamp(self, frame: LidarFrame) -> NDArray[np.float32]:
-        twist = self._twist()
+        twist = self._twist(frame)
         if frame.point_time_s is None or twist is None:
             return frame.points_m
         return deskew(frame.points_m, frame.point_time_s, twist)
 
-    def _twist(self) -> Twist | None:
+    def _twist(self, frame: LidarFrame) -> Twist | None:
+        """The sensor's motion until the sweep: between the two before it, else ahead, as fast as somebody says."""
         if len(self._stamps_s) < 2:
-            return None
+            speed_mps = measured_speed_mps(frame)
+            if speed_mps is None or not FORWARD_MPS <= speed_mps < math.inf:
+                return None
+            return Twist(speed_mps * self._vehicle_from_sensor[0, :3], np.zeros(3))
         # Also over a long step: the mean motion is nearer to the next one than KISS-ICP's, which is the step itself.
         elapsed_s = self._stamps_s[1] - self._stamps_s[0]
         return twist_between(np.asarray(self._matcher.last_delta), elapsed_s, ODOMETRY_GAP_S)
+
+
+def measured_speed_mps(frame: LidarFrame) -> float | None:
+    """What the car, or else its receiver, says of its speed at a sweep."""
+    if frame.speed_mps is not None or frame.gnss is None:
+        return frame.speed_mps
+    return frame.gnss.speed_mps
 
 
 def _matcher() -> Any:

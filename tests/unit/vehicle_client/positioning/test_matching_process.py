@@ -202,16 +202,22 @@ def test_a_sweep_on_which_the_matching_fails_is_told_and_the_next_is_matched(mon
 
 
 @settings(max_examples=50, deadline=None)
-@given(number=st.integers(0, 2_000), with_times=st.booleans(), seed=st.integers(0, 2**32 - 1))
-def test_a_sweep_arrives_as_it_was_sent(number: int, with_times: bool, seed: int) -> None:
+@given(
+    number=st.integers(0, 2_000),
+    with_times=st.booleans(),
+    speed_mps=st.none() | st.floats(-5, 80),
+    seed=st.integers(0, 2**32 - 1),
+)
+def test_a_sweep_arrives_as_it_was_sent(number: int, with_times: bool, speed_mps: float | None, seed: int) -> None:
     random = np.random.default_rng(seed)
     points = random.normal(0, 30, (2 * number, 3)).astype(np.float32)[::2]
     times = random.uniform(-0.1, 0, number).astype(np.float32) if with_times else None
     ours, theirs = socket.socketpair()
     with ours, theirs:
-        send_sweep(ours, LidarFrame(NOON_S + 0.1, points, point_time_s=times))
+        send_sweep(ours, LidarFrame(NOON_S + 0.1, points, speed_mps=speed_mps, point_time_s=times))
         came = sweep_of(receive(theirs))
-    assert came.stamp_s == NOON_S + 0.1
+    assert (came.stamp_s, came.speed_mps) == (NOON_S + 0.1, speed_mps)
+    assert came.points_m.flags.aligned
     assert np.array_equal(came.points_m, points)
     assert (came.point_time_s is None) == (times is None)
     assert times is None or np.array_equal(came.point_time_s, times)

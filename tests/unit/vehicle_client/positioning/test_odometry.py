@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -11,13 +12,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from kiss_icp.kiss_icp import KissICP
 
+from contract.geometry import LatLon
 from tests.unit.vehicle_client.making import NOON_S, planar
 from vehicle_client.frames import Matrix, apply, inverse, rigid, yaw_of
 from vehicle_client.positioning.odometry import COASTS_S, DeadReckoning, Given, ScanMatching, Wheels, tracker_for
 from vehicle_client.positioning.odometry_history import ODOMETRY_GAP_S
 from vehicle_client.sensing.calibration import curvature_of
 from vehicle_client.sensing.deskew import Twist, deskew
-from vehicle_client.sources.frame import LidarFrame, Motion
+from vehicle_client.sources.frame import GnssFix, LidarFrame, Motion
 
 NO_POINTS = np.empty((0, 3), dtype=np.float32)
 MAST = rigid(np.eye(3), np.array([0.8, 0.0, 1.7]))
@@ -136,6 +138,37 @@ def test_sweeps_tell_the_motion_of_the_car_that_carries_the_sensor(rolling: bool
     moved, expected = inverse(early) @ found, twist.now_from_then(0.6)
     assert moved[:2, 3] == pytest.approx(expected[:2, 3], abs=0.15)
     assert yaw_of(moved) == pytest.approx(yaw_of(expected), abs=0.01)
+
+
+@pytest.mark.parametrize("source", ["receiver", "car"])
+@pytest.mark.parametrize("speed_mps", [25.0, 40.0])
+def test_a_drive_that_begins_fast_is_followed_from_its_second_sweep_if_the_speed_is_known(
+    speed_mps: float, source: str
+) -> None:
+    """Without it KISS-ICP takes the car for standing."""
+    matcher, things = ScanMatching(MAST), yard()
+    for k in range(4):
+        points = apply(inverse(MAST), apply(planar(-speed_mps * 0.1 * k, 0, 0.0), things)).astype(np.float32)
+        # Receivers err by a tenth of a metre a second, wheels by a hundredth of the speed.
+        said = LidarFrame(NOON_S + k / 10, points, speed_mps=0.99 * speed_mps if source == "car" else None)
+        if source == "receiver":
+            fix = GnssFix(
+                LatLon(latitude_deg=48.0, longitude_deg=11.0), 500.0, None, 1.0, 2.0, speed_mps=speed_mps + 0.1
+            )
+            said = replace(said, gnss=fix)
+        found = matcher.odom_from_vehicle(said)
+        assert found is not None
+        assert found[:2, 3] == pytest.approx([speed_mps * 0.1 * k, 0.0], abs=0.05)
+
+
+@pytest.mark.parametrize("speed_mps", [math.nan, math.inf, -3.0, 4.0])
+def test_a_speed_that_makes_no_sense_or_may_be_backwards_says_nothing_of_the_first_motion(speed_mps: float) -> None:
+    matcher, things = ScanMatching(MAST), yard()
+    for k in range(3):
+        points = apply(inverse(MAST), apply(planar(0.3 * k, 0, 0.0), things)).astype(np.float32)
+        found = matcher.odom_from_vehicle(LidarFrame(NOON_S + k / 10, points, speed_mps=speed_mps))
+    assert found is not None
+    assert found[0, 3] == pytest.approx(-0.6, abs=0.05)
 
 
 def test_a_sweep_without_points_has_no_odometry_and_spoils_none_after_it() -> None:
