@@ -26,6 +26,7 @@ $(INSTALLED): requirements.lock pyproject.toml scripts/check-python.sh scripts/s
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --require-hashes -r requirements.lock
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps -e .
 	scripts/system-libraries.sh $(BIN)/python
+	$(BIN)/headsup compile
 	touch $@
 
 .PHONY: demo

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import typer
 
+from headsup.compile_command import compile_loops
 from headsup.database_commands import db_app
 from headsup.demo.command import demo
 from headsup.detect_command import detect_files
@@ -22,6 +23,7 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
 )
+app.command("compile")(compile_loops)
 app.command("demo")(demo)
 app.command("detect")(detect_files)
 app.command("drive")(drive)

@@ -150,6 +150,7 @@ def _quietly(command: str) -> None:
 
 
 def _run(command: str, asked: Asked, json_file: Path | None) -> None:
+    from headsup.compiling import said_while_compiling
     from headsup.driving import DriveError, run
     from headsup.driving_summary import as_json, show
 
@@ -160,7 +161,8 @@ def _run(command: str, asked: Asked, json_file: Path | None) -> None:
             raise DriveError(f"--json: {json_file} is a folder; name a file")
         if asked.record is not None and not asked.record.absolute().parent.is_dir():
             raise DriveError(f"{asked.record}: there is no folder {asked.record.absolute().parent}; make it first")
-        outcome = run(asked)
+        with said_while_compiling(command):
+            outcome = run(asked)
         show(outcome)
         if json_file is not None:
             json_file.write_text(as_json(outcome), encoding="utf-8")
