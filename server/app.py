@@ -128,5 +128,5 @@ async def _parts(database: Database, settings: Settings) -> Parts:
         database, policy, secret, settings.write_deadline_s, hub.publish, distrusted=lambda: upkeep.distrusted
     )
     nearby = Nearby(database, policy.life, settings.cache_mib << 20)
-    relay = Relay(database, TileReader(database, policy.life), hub, service.near)
+    relay = Relay(TileReader(database, policy.life), hub, service.near)
     return Parts(database, keys, Admission(keys, settings), service, hub, policy.life, operators, nearby, upkeep, relay)

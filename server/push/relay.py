@@ -9,19 +9,16 @@ from __future__ import annotations
 import asyncio
 import logging
 import random
-from collections.abc import Iterable
 
 from sqlalchemy.exc import DBAPIError
 
 from contract.geometry import LatLon
 from contract.obstacle import ObstacleFeature
 from server.errors import ServiceError
-from server.geometry.quadkey import MERCATOR_LATITUDE_DEG, shard_of_tile, tiles
+from server.geometry.quadkey import MERCATOR_LATITUDE_DEG, tiles
 from server.push.stream import LEAVING_RATIO, Hub, Near
-from server.reading.tile_reader import TileReader, Versions
-from server.storage.database import Database
+from server.reading.tile_reader import TileReader
 from server.storage.features import ObstacleEvent
-from server.storage.statements import numbered, padded, tile_versions
 
 _LOG = logging.getLogger(__name__)
 # At 50 km/h a car comes 7 m nearer meanwhile, of the 160 m at which a driver is warned.
@@ -31,15 +28,15 @@ _INTERVAL_S = 0.5
 class Relay:
     """Events of others for the hub of this process, from the tiles where its vehicles are."""
 
-    def __init__(self, database: Database, reader: TileReader, hub: Hub, near: Near) -> None:
-        self._database, self._reader, self._hub, self._near = database, reader, hub, near
+    def __init__(self, reader: TileReader, hub: Hub, near: Near) -> None:
+        self._reader, self._hub, self._near = reader, hub, near
         self._told: dict[int, int] = {}
 
     async def near(self, centre: LatLon, radius_m: float) -> tuple[ObstacleFeature, ...]:
         """Live obstacles around a place where a vehicle is; what changes there afterwards will be told."""
         new = [tile for tile in _tiles(centre, radius_m) if tile not in self._told]
         if new:
-            versions = await self._versions(new)
+            versions = await self._reader.versions_aside(new)
             for tile in new:
                 self._told.setdefault(tile, versions.get(tile, 0))
         return await self._near(centre, radius_m)
@@ -62,7 +59,7 @@ class Relay:
             del self._told[tile]
         if not self._told:
             return
-        for tile, version in (await self._versions(self._told)).items():
+        for tile, version in (await self._reader.versions_aside(list(self._told))).items():
             if version > self._told.get(tile, version):
                 await self._tell_tile(tile, version)
 
@@ -75,13 +72,6 @@ class Relay:
         for seq, body in logged:
             self._hub.publish(ObstacleEvent.of(ObstacleFeature.model_validate_json(body)))
             self._told[tile] = seq
-
-    async def _versions(self, wanted: Iterable[int]) -> Versions:
-        numbers = padded(sorted(wanted))
-        values = numbered("shard", [shard_of_tile(number) for number in numbers]) | numbered("tile", numbers)
-        async with self._database.read() as connection:
-            found = await connection.execute(tile_versions(len(numbers)), values)
-            return {row.tile: row.version for row in found}
 
 
 def _tiles(centre: LatLon, radius_m: float) -> tuple[int, ...]:

@@ -97,7 +97,9 @@ class Subscription:
         self._wake.set()
 
     def areas(self) -> list[Position]:
-        """The area, and the one being moved to."""
+        """The area, and the one being moved to, if that is another."""
+        if self._wanted is self._area:
+            return [] if self._area is None else [self._area]
         return [area for area in (self._area, self._wanted) if area is not None]
 
     def resynchronise(self) -> None:

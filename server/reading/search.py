@@ -11,7 +11,7 @@ from itertools import islice
 from uuid import UUID
 
 import numpy as np
-from sqlalchemy import ColumnElement, Row, RowMapping, and_, func, or_, select, tuple_
+from sqlalchemy import ColumnElement, Row, and_, func, or_, select, tuple_
 from sqlalchemy.ext.asyncio import AsyncConnection
 
 from contract.geometry import Kind
@@ -24,8 +24,8 @@ from server.life.identity import shard_of_id
 from server.life.policy import Life
 from server.reading.around import Circle, Key, nearest
 from server.reading.query import Filters
-from server.storage import tables
-from server.storage.features import stored_feature
+from server.storage import served, tables
+from server.storage.served import SERVED
 
 _TABLE = tables.obstacle
 # Below this a circle is a few pages of the index, whatever it holds.
@@ -65,13 +65,12 @@ class Search:
         if sum(high - low + 1 for low, high in ranges) <= _NARROW_CELLS:
             # As an expression it cannot tempt the planner to walk through the primary key instead of the cells.
             shard = shard + 0
-        query = select(_TABLE).where(_within(bounds), *self._conditions(filters))
+        query = select(*SERVED).where(_within(bounds), *self._conditions(filters))
         if after is not None:
             query = query.where(tuple_(shard, _TABLE.c.id) > (shard_of_id(after.id), after.id))
         query = query.order_by(shard, _TABLE.c.id).limit(limit + 1)
-        found = (await self._connection.execute(query)).mappings().all()
-        features = await asyncio.to_thread(_features, found[:limit], self._life)
-        return Page(features, Key(0.0, features[-1].id) if len(found) > limit else None)
+        found = await served.read(self._connection, query, self._life)
+        return Page(found[:limit], Key(0.0, found[limit - 1].id) if len(found) > limit else None)
 
     async def count(self, bounds: Bounds, filters: Filters) -> int:
         """How many obstacles all pages of a box hold."""
@@ -89,10 +88,9 @@ class Search:
         if not identifiers:
             return ()
         shards = sorted(set(map(shard_of_id, identifiers)))
-        query = select(_TABLE).where(_TABLE.c.shard.in_(shards), _TABLE.c.id.in_(identifiers))
-        found = {row["id"]: row for row in (await self._connection.execute(query)).mappings()}
-        whole = [found[item] for item in identifiers if item in found]
-        return await asyncio.to_thread(_features, whole, self._life)
+        query = select(*SERVED).where(_TABLE.c.shard.in_(shards), _TABLE.c.id.in_(identifiers))
+        found = {item.id: item for item in await served.read(self._connection, query, self._life)}
+        return tuple(found[item] for item in identifiers if item in found)
 
     def _conditions(self, filters: Filters) -> list[ColumnElement[bool]]:
         conditions = [self._in_state(filters.states)]
@@ -119,10 +117,6 @@ class Search:
 
     def _lasts(self, kind: Kind, seconds: float) -> ColumnElement[bool]:
         return and_(_TABLE.c.kind == kind.value, _TABLE.c.expires_at >= self._now + timedelta(seconds=seconds))
-
-
-def _features(found: Sequence[RowMapping], life: Life) -> tuple[ObstacleFeature, ...]:
-    return tuple(stored_feature(row, life) for row in found)
 
 
 def _nearest(circle: Circle, found: Sequence[Row[UUID, float, float]], after: Key | None, limit: int) -> list[Key]:

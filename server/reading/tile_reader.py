@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from datetime import UTC, datetime, timedelta
 from uuid import UUID
 
@@ -19,7 +19,10 @@ from server.reading.collection import mark_of
 from server.reading.tile_cache import Served, TileChange, TileFeatures
 from server.storage import rows, tables
 from server.storage.database import Database
+from server.storage.executing import executor_of
 from server.storage.features import feature_of
+from server.storage.rows import Row
+from server.storage.statements import tile_versions_of_arrays
 
 Versions = Mapping[int, int]
 """Versions by tile; a tile without one was never written to."""
@@ -65,14 +68,24 @@ class TileReader:
         self._database, self._life = database, life
 
     async def versions(self, wanted: Sequence[int]) -> Versions:
-        """The present versions of tiles."""
-        if self._database.driver is not None:
-            shards = sorted({shard_of_tile(number) for number in wanted})
-            return dict(await self._database.driver.fetch(_VERSIONS, shards, wanted))
+        """The present versions of any number of tiles, for one caller at a time."""
+        if self._database.driver is None:
+            return await self.versions_aside(wanted)
+        shards = sorted({shard_of_tile(number) for number in wanted})
+        return dict(await self._database.driver.fetch(_VERSIONS, shards, wanted))
+
+    async def versions_aside(self, wanted: Sequence[int]) -> Versions:
+        """The same on a connection of its own, for whoever nearby queries must not wait for."""
+        shards = list(map(shard_of_tile, wanted))
         async with self._database.read() as connection:
-            values = {"wanted": json.dumps([(shard_of_tile(number), number) for number in wanted])}
-            found = await connection.execute(_VERSIONS_OF_JSON, values)
-            return {row.tile: row.version for row in found}
+            found: Iterable[Row]
+            if self._database.is_sqlite:
+                values = {"wanted": json.dumps(list(zip(shards, wanted, strict=True)))}
+                found = (await connection.execute(_VERSIONS_OF_JSON, values)).mappings()
+            else:
+                executor = await executor_of(connection)
+                found = await executor.rows(tile_versions_of_arrays(), {"shards": shards, "tiles": wanted})
+            return {row["tile"]: row["version"] for row in found}
 
     async def tile(self, tile: int) -> TileFeatures:
         """All that is live in a tile, as of its version."""

@@ -7,14 +7,12 @@ from functools import cached_property
 from uuid import UUID
 
 from pydantic_core import to_json
-from sqlalchemy import RowMapping
 
 from contract.geometry import LatLon
 from contract.obstacle import ObstacleFeature, ObstacleProperties, PointGeometry
 from server.life.decay import expires_at
 from server.life.obstacle import Obstacle, RemovalReason
 from server.life.policy import Life
-from server.storage.rows import obstacle_of
 
 
 @dataclass(frozen=True)
@@ -107,14 +105,6 @@ def feature_text(obstacle: Obstacle, life: Life) -> str:
     point = {"type": "Point", "coordinates": (place.position.longitude_deg, place.position.latitude_deg)}
     feature = {"type": "Feature", "id": obstacle.id, "geometry": point, "properties": properties}
     return to_json(feature).decode()
-
-
-def stored_feature(row: RowMapping, life: Life) -> ObstacleFeature:
-    """An obstacle as a GeoJSON feature from its row, whose text was made when it last changed."""
-    text = row["feature"]
-    if text is None:
-        return feature_of(obstacle_of(row), life)
-    return ObstacleFeature.model_validate_json(text)
 
 
 def event_of(obstacle: Obstacle, life: Life) -> ObstacleEvent:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from datetime import datetime
 from uuid import UUID
 
-from sqlalchemy import ColumnElement, RowMapping, and_, or_, select, text
+from sqlalchemy import ColumnElement, and_, or_, select, text
 from sqlalchemy.dialects import postgresql, sqlite
 from sqlalchemy.ext.asyncio import AsyncConnection
 from sqlalchemy.sql.dml import Insert
@@ -20,9 +20,8 @@ from server.life.identity import shard_of_id
 from server.life.obstacle import Obstacle
 from server.life.plausibility import LastPlace
 from server.life.policy import Life
-from server.storage import candidates, rows, tables
+from server.storage import candidates, rows, served, tables
 from server.storage.candidates import Asked
-from server.storage.features import stored_feature
 from server.storage.reads import ReportName, reads_of
 from server.storage.working_set import Tile, WorkingSet
 
@@ -65,13 +64,15 @@ class Repository:
         table = tables.obstacle
         is_served = and_(table.c.state != State.REMOVED.value, table.c.expires_at > now)
         inside = _in_cells(cover(centre, radius_m))
-        return tuple(stored_feature(row, self._life) for row in await self._obstacle_rows(inside, is_served))
+        query = select(*served.SERVED).where(inside, is_served).order_by(table.c.id)
+        return await served.read(self._connection, query, self._life)
 
     async def obstacle(self, identifier: UUID) -> Obstacle | None:
         """An obstacle by id, also a removed one."""
         table = tables.obstacle
-        found = await self._obstacle_rows(table.c.shard == shard_of_id(identifier), table.c.id == identifier)
-        return rows.obstacle_of(found[0]) if found else None
+        query = select(table).where(table.c.shard == shard_of_id(identifier), table.c.id == identifier)
+        found = (await self._connection.execute(query)).mappings().one_or_none()
+        return None if found is None else rows.obstacle_of(found)
 
     async def answered(self, names: Iterable[ReportName]) -> dict[ReportName, Answered]:
         """What was answered before, by the reports' names."""
@@ -92,10 +93,6 @@ class Repository:
     async def _held(self, tiles: list[int]) -> dict[int, Tile]:
         found = await (await reads_of(self._connection)).tiles(tiles)
         return {row["tile"]: Tile(row["version"], row["lock_seq"]) for row in found}
-
-    async def _obstacle_rows(self, *conditions: ColumnElement[bool]) -> Sequence[RowMapping]:
-        query = select(tables.obstacle).where(*conditions).order_by(tables.obstacle.c.id)
-        return (await self._connection.execute(query)).mappings().all()
 
     def _insert_if_missing(self, name: str) -> Insert:
         table = tables.metadata.tables[name]

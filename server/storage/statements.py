@@ -149,11 +149,14 @@ def tiles_for_update() -> Select[Any]:
     return select(inside).select_from(wanted.join(inside, true()))
 
 
-@lru_cache
-def tile_versions(tiles: int) -> Select[Any]:
-    """Versions of that many tiles (`tile0`... with `shard0`...)."""
+@cache
+def tile_versions_of_arrays() -> Select[Any]:
+    """For PostgreSQL: versions of tiles (arrays `shards`, `tiles`)."""
     table = tables.tile
-    return select(table.c.tile, table.c.version).where(_are_tiles(tiles))
+    wanted = _unnested(("shards", SmallInteger), ("tiles", BigInteger))
+    here = and_(table.c.shard == wanted.c.shards, table.c.tile == wanted.c.tiles)
+    inside = select(table.c.tile, table.c.version).where(here).offset(_NOTHING).lateral()
+    return select(inside).select_from(wanted.join(inside, true()))
 
 
 @lru_cache
