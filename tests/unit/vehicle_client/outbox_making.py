@@ -18,6 +18,7 @@ from contract.observation import (
     ReportStatus,
 )
 from tests.unit.server.making import NOON, detection, message
+from vehicle_client.link.outbox import Outbox
 
 Handler = Callable[[httpx.Request], httpx.Response]
 
@@ -60,3 +61,11 @@ def problem(status: int, kind: str, **headers: str) -> httpx.Response:
     """A problem as the server words it."""
     body = {"type": f"urn:headsup:problem:{kind}", "title": "T", "status": status, "detail": f"because of {kind}"}
     return httpx.Response(status, json=body, headers=headers)
+
+
+def answered(*items: ObservationReport, status: str = "accepted", reason: str | None = None) -> list[ReportResult]:
+    return [ReportResult(report_id=i.report_id, status=ReportStatus(status), reason=reason) for i in items]
+
+
+def waiting_in(outbox: Outbox, most: int = 10_000) -> list[UUID]:
+    return [kept.report_id for kept in outbox.batch(most)]

@@ -8,7 +8,6 @@ import sqlite3
 import stat
 import subprocess
 import sys
-import tempfile
 from collections.abc import Iterator
 from contextlib import closing, contextmanager
 from datetime import timedelta
@@ -18,11 +17,10 @@ from uuid import UUID
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-from hypothesis.stateful import Bundle, RuleBasedStateMachine, invariant, precondition, rule
 
-from contract.observation import MAX_REPORTS, ObservationReport, ReportResult, ReportStatus
+from contract.observation import MAX_REPORTS, ObservationReport
 from tests.unit.server.making import NOON, detection, message
-from tests.unit.vehicle_client.outbox_making import ids, look, reports
+from tests.unit.vehicle_client.outbox_making import answered, ids, look, reports, waiting_in
 from vehicle_client.link.outbox import BATCH_BYTES, DROPPED_KEPT, Outbox, OutboxError
 
 
@@ -71,14 +69,6 @@ def rich_reports(count: int, *, first: int = 0) -> list[ObservationReport]:
     points = tuple((n % 100 - 50, n // 100, -n % 30) for n in range(512))
     rich = detection().model_copy(update={"points_cm": points})
     return [message(*[rich] * 10, at=NOON + timedelta(seconds=n), number=n) for n in range(first, first + count)]
-
-
-def answered(*items: ObservationReport, status: str = "accepted", reason: str | None = None) -> list[ReportResult]:
-    return [ReportResult(report_id=i.report_id, status=ReportStatus(status), reason=reason) for i in items]
-
-
-def waiting_in(outbox: Outbox, most: int = 10_000) -> list[UUID]:
-    return [kept.report_id for kept in outbox.batch(most)]
 
 
 def test_what_was_put_is_there_after_reopening_oldest_first(path: Path) -> None:
@@ -349,67 +339,3 @@ def test_some_reports_may_be_left_out_or_asked_for(outbox: Outbox) -> None:
         outbox.put(report)
     assert [k.report_id for k in outbox.batch(only=ids(sent[1:3]))] == ids(sent[1:3])
     assert [k.report_id for k in outbox.batch(without=ids(sent[1:3]))] == ids([sent[0], sent[3]])
-
-
-class OutboxMachine(RuleBasedStateMachine):
-    """An outbox that is put to, answered, closed and opened in any order holds what a list would."""
-
-    Put = Bundle("Put")
-
-    def __init__(self) -> None:
-        super().__init__()
-        self.folder = Path(tempfile.mkdtemp())
-        self.outbox = Outbox(self.folder / "outbox.sqlite3")
-        self.model: list[UUID] = []
-        self.fates = 0
-        self.made = 0
-
-    @rule(target=Put, sees=st.booleans())
-    def put(self, sees: bool) -> ObservationReport:
-        self.made += 1
-        report = reports(1, first=self.made)[0] if sees else look(self.made)
-        self.outbox.put(report)
-        self.model.append(report.report_id)
-        return report
-
-    @rule(report=Put, status=st.sampled_from(["accepted", "duplicate", "rejected"]))
-    def settle(self, report: ObservationReport, status: str) -> None:
-        self.outbox.settle(answered(report, status=status))
-        self.forget(report)
-
-    @rule(report=Put)
-    def drop(self, report: ObservationReport) -> None:
-        self.outbox.drop(report.report_id, "422")
-        self.forget(report)
-
-    @rule()
-    def reopen(self) -> None:
-        self.outbox.close()
-        self.outbox = Outbox(self.folder / "outbox.sqlite3")
-
-    @precondition(lambda self: self.model)
-    @rule()
-    def answer_a_batch(self) -> None:
-        for kept in self.outbox.batch(3):
-            result = ReportResult(report_id=kept.report_id, status=ReportStatus.ACCEPTED)
-            self.outbox.settle([result])
-            self.model.remove(kept.report_id)
-            self.fates += 1
-
-    @invariant()
-    def holds_what_is_not_answered(self) -> None:
-        assert waiting_in(self.outbox) == self.model
-        assert sum(self.outbox.counts.values()) == self.fates
-
-    def forget(self, report: ObservationReport) -> None:
-        if report.report_id in self.model:
-            self.model.remove(report.report_id)
-            self.fates += 1
-
-    def teardown(self) -> None:
-        self.outbox.close()
-        shutil.rmtree(self.folder)
-
-
-TestOutboxMachine = OutboxMachine.TestCase
-TestOutboxMachine.settings = settings(max_examples=20, stateful_step_count=15, deadline=None)
