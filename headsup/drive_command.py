@@ -2,51 +2,93 @@
 
 from __future__ import annotations
 
+import inspect
 import logging
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import wraps
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 if TYPE_CHECKING:
     from headsup.driving import Asked
 
-Place = Annotated[
-    str, typer.Argument(help="A recording (file or folder), or a sensor: udp://host:port, tcp://host:port.")
-]
-Calibration = Annotated[
-    Path | None, typer.Option("--calibration", help="The car's calibration, TOML (docs/calibration.md).")
-]
-SensorHeight = Annotated[
-    float | None,
-    typer.Option("--sensor-height", min=0.3, max=5.0, help="Metres above the road, when there is no calibration file."),
-]
-Rate = Annotated[float, typer.Option("--rate", min=0.1, max=200, help="Sweeps a second, for clouds without stamps.")]
-Ego = Annotated[int, typer.Option("--ego", min=0, help="Which vehicle of a recording in CARLA's layout.")]
-Topics = Annotated[
-    list[str] | None,
-    typer.Option(
-        "--topic",
-        help="ROLE=TOPIC where a bag holds several, ROLE= for none; roles: sweep, image, fix, imu, odometry, motion, "
-        "velocity.",
-    ),
-]
-Start = Annotated[
-    str | None,
-    typer.Option(
-        "--start", help="LAT,LON,ALT,HEADING of a drive without satellites (degrees, m): shown, not reported."
-    ),
-]
-Json = Annotated[Path | None, typer.Option("--json", help="File for the counts of the drive.")]
+
+@dataclass(frozen=True, slots=True)
+class Common:
+    """What every drive can be asked."""
+
+    source: Annotated[
+        str, typer.Argument(help="A recording (file or folder), or a sensor: udp://host:port, tcp://host:port.")
+    ]
+    calibration: Annotated[
+        Path | None, typer.Option("--calibration", help="The car's calibration, TOML (docs/calibration.md).")
+    ] = None
+    sensor_height: Annotated[
+        float | None,
+        typer.Option(
+            "--sensor-height", min=0.3, max=5.0, help="Metres above the road, when there is no calibration file."
+        ),
+    ] = None
+    rate: Annotated[
+        float, typer.Option("--rate", min=0.1, max=200, help="Sweeps a second, for clouds without stamps.")
+    ] = 10.0
+    ego: Annotated[int, typer.Option("--ego", min=0, help="Which vehicle of a recording in CARLA's layout.")] = 0
+    topic: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--topic",
+            help="ROLE=TOPIC where a bag holds several, ROLE= for none; roles: sweep, image, fix, imu, odometry, "
+            "motion, velocity.",
+        ),
+    ] = None
+    start: Annotated[
+        str | None,
+        typer.Option(
+            "--start", help="LAT,LON,ALT,HEADING of a drive without satellites (degrees, m): shown, not reported."
+        ),
+    ] = None
+    json_file: Annotated[Path | None, typer.Option("--json", help="File for the counts of the drive.")] = None
+
+    def asked(self) -> Asked:
+        """The same as a drive takes it."""
+        from headsup.driving import Asked
+
+        return Asked(
+            source=self.source,
+            calibration=self.calibration,
+            sensor_height_m=self.sensor_height,
+            rate_hz=self.rate,
+            ego=self.ego,
+            topics=tuple(self.topic or ()),
+            start=self.start,
+        )
 
 
+def with_common(command: Callable[..., None]) -> Callable[..., None]:
+    """The command with the options of `Common` besides its own; it is given them as its first argument."""
+    source, *others = inspect.signature(Common, eval_str=True).parameters.values()
+    _, *own = inspect.signature(command, eval_str=True).parameters.values()
+    taken = [parameter.replace(kind=inspect.Parameter.KEYWORD_ONLY) for parameter in (source, *own, *others)]
+
+    @wraps(command)
+    def called(**given: Any) -> None:
+        common = Common(**{name: given.pop(name) for name in (source.name, *(other.name for other in others))})
+        command(common, **given)
+
+    called.__signature__ = inspect.Signature(taken)  # type: ignore[attr-defined]  # what typer makes options from
+    called.__annotations__ = {parameter.name: parameter.annotation for parameter in taken}
+    return called
+
+
+@with_common
 def drive(
-    source: Place,
+    common: Common,
     server: Annotated[
         str | None, typer.Option("--server", help="URL of the server; without one nothing is told.")
     ] = None,
-    calibration: Calibration = None,
-    sensor_height: SensorHeight = None,
     realtime: Annotated[
         bool | None,
         typer.Option(
@@ -66,11 +108,6 @@ def drive(
         bool,
         typer.Option("--as-if-now", help="Move a recording's stamps to the present: servers refuse what is weeks old."),
     ] = False,
-    rate: Rate = 10.0,
-    ego: Ego = 0,
-    topic: Topics = None,
-    start: Start = None,
-    json_file: Json = None,
 ) -> None:
     """Drive along a recording or a live sensor: find obstacles, report them, warn the driver.
 
@@ -86,17 +123,9 @@ def drive(
 
         headsup drive udp://0.0.0.0:7400 --calibration car.toml --server https://hazards.example
     """
-    from headsup.driving import Asked
-
     _quietly("drive")
-    asked = Asked(
-        source=source,
-        calibration=calibration,
-        sensor_height_m=sensor_height,
-        rate_hz=rate,
-        ego=ego,
-        topics=tuple(topic or ()),
-        start=start,
+    asked = replace(
+        common.asked(),
         server=server,
         realtime=realtime,
         record=record_file,
@@ -104,20 +133,11 @@ def drive(
         quiet_zones=quiet_zones,
         as_if_now=as_if_now,
     )
-    _run("drive", asked, json_file)
+    _run("drive", asked, common.json_file)
 
 
-def record(
-    source: Place,
-    out: Annotated[Path, typer.Argument(help="A new MCAP file.")],
-    calibration: Calibration = None,
-    sensor_height: SensorHeight = None,
-    rate: Rate = 10.0,
-    ego: Ego = 0,
-    topic: Topics = None,
-    start: Start = None,
-    json_file: Json = None,
-) -> None:
+@with_common
+def record(common: Common, out: Annotated[Path, typer.Argument(help="A new MCAP file.")]) -> None:
     """Drive along a recording or a live sensor and write all of it as MCAP: sensors, pose, obstacles, what was shown.
 
     Foxglove opens the file, and so does `headsup drive`. Nothing is told to any server.
@@ -128,20 +148,8 @@ def record(
 
         headsup record udp://0.0.0.0:7400 drive.mcap --calibration car.toml
     """
-    from headsup.driving import Asked
-
     _quietly("record")
-    asked = Asked(
-        source=source,
-        calibration=calibration,
-        sensor_height_m=sensor_height,
-        rate_hz=rate,
-        ego=ego,
-        topics=tuple(topic or ()),
-        start=start,
-        record=out,
-    )
-    _run("record", asked, json_file)
+    _run("record", replace(common.asked(), record=out), common.json_file)
 
 
 def _quietly(command: str) -> None:
