@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import asyncio
 import logging
+import re
 from datetime import UTC, datetime
 from pathlib import Path
+from uuid import uuid4
 
 import httpx
 import pytest
@@ -109,3 +111,11 @@ async def test_what_another_server_decided_reaches_a_vehicle_among_those_on_twen
         (await others_client.post("/v1/observations", content=batch.model_dump_json(), headers=JSON)).raise_for_status()
         await parts.relay.tell()
         assert parts.hub.counts.published["changed"] == 1
+
+
+async def test_the_report_that_the_documentation_shows_makes_an_obstacle(client: httpx.AsyncClient) -> None:
+    shown = (Path(__file__).parents[2] / "docs" / "api.md").read_text()
+    (body,) = re.findall(r"/v1/observations <<END\n(.*?)\nEND\n", shown, re.DOTALL)
+    body = body.replace("$NOW", datetime.now(UTC).isoformat()).replace("$ID", str(uuid4()))
+    (result,) = (await client.post("/v1/observations", content=body, headers=JSON)).json()["results"]
+    assert [detected["decision"] for detected in result["detections"]] == ["created"]
