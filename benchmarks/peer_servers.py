@@ -7,7 +7,6 @@ need is ours.
 from __future__ import annotations
 
 import json
-import math
 import subprocess
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import AbstractContextManager, contextmanager
@@ -18,9 +17,8 @@ from urllib.parse import urlencode
 from benchmarks.peer_data import FEATURES
 from benchmarks.peer_postgis import AbsentError, PostGis
 from benchmarks.server_processes import Measured, listening
-from benchmarks.server_queries import PathOf, circle_path
+from benchmarks.server_queries import PathOf, box_text, circle_path
 
-_DEGREE_M = 111_320.0
 _LIMIT = 1_000
 # With pygeoapi's default, CRS84, four fifths of a request go into looking for a number that it does not have. Told that
 # the request, the table and the answer have the same system, it takes all coordinates as they are.
@@ -39,14 +37,6 @@ class Peer:
     """Runs it with a Python of its own, on a database, with a folder for its files."""
 
 
-def box_about(latitude_deg: float, longitude_deg: float, radius_m: float) -> tuple[float, float, float, float]:
-    """West, south, east and north, in degrees, of the box with the circle's area: it holds as much on average."""
-    half_m = radius_m * math.sqrt(math.pi) / 2
-    north_deg = half_m / _DEGREE_M
-    east_deg = north_deg / math.cos(math.radians(latitude_deg))
-    return longitude_deg - east_deg, latitude_deg - north_deg, longitude_deg + east_deg, latitude_deg + north_deg
-
-
 def _tipg_path(latitude_deg: float, longitude_deg: float, radius_m: float) -> str:
     return f"/collections/public.{FEATURES}/items?{_box_query(latitude_deg, longitude_deg, radius_m, 'geojson')}"
 
@@ -57,8 +47,7 @@ def _pygeoapi_path(latitude_deg: float, longitude_deg: float, radius_m: float) -
 
 
 def _box_query(latitude_deg: float, longitude_deg: float, radius_m: float, form: str) -> str:
-    bounds = ",".join(f"{edge:.7f}" for edge in box_about(latitude_deg, longitude_deg, radius_m))
-    return urlencode({"bbox": bounds, "limit": _LIMIT, "f": form}, safe=",")
+    return urlencode({"bbox": box_text(latitude_deg, longitude_deg, radius_m), "limit": _LIMIT, "f": form}, safe=",")
 
 
 def _by_hand(python: Path, server: PostGis, database: str, folder: Path) -> AbstractContextManager[Measured]:

@@ -32,7 +32,7 @@ FloatArray = NDArray[np.float64]
 RADIUS_M = 300.0
 NEIGHBOURS = 20
 """What a query shall find on average."""
-_DEGREE_M = 111_320.0
+DEGREE_M = 111_320.0
 # Copies of a city stand side by side in longitude, where distances stay what they are.
 _STEP_DEG = 1.0
 _JITTER_M = 5.0
@@ -64,7 +64,7 @@ class City:
 def plane_m(places_deg: FloatArray) -> FloatArray:
     """Places (N, 2) in a plane good enough to count neighbours within a city."""
     east = math.cos(math.radians(float(places_deg[:, 0].mean())))
-    return places_deg * np.array([_DEGREE_M, _DEGREE_M * east])
+    return places_deg * np.array([DEGREE_M, DEGREE_M * east])
 
 
 def recorded_cities(folder: Path) -> list[City]:
@@ -84,8 +84,8 @@ def synthetic_city(seed: int, number: int = 20_000) -> City:
     along = rng.uniform(0, side_m, number)
     flip = rng.random(number) < 0.5
     east_m, north_m = np.where(flip, street, along), np.where(flip, along, street)
-    east_degree_m = _DEGREE_M * math.cos(math.radians(43.0))
-    return City(np.column_stack([43.0 + north_m / _DEGREE_M, -76.0 + east_m / east_degree_m]))
+    east_degree_m = DEGREE_M * math.cos(math.radians(43.0))
+    return City(np.column_stack([43.0 + north_m / DEGREE_M, -76.0 + east_m / east_degree_m]))
 
 
 def repeated(cities: list[City], number: int, seed: int) -> FloatArray:
@@ -96,7 +96,7 @@ def repeated(cities: list[City], number: int, seed: int) -> FloatArray:
     once = np.vstack([city.stretched().places_deg for city in cities])
     copies = []
     for copy in range(math.ceil(number / len(once))):
-        jitter_deg = rng.normal(0.0, _JITTER_M / _DEGREE_M, once.shape)
+        jitter_deg = rng.normal(0.0, _JITTER_M / DEGREE_M, once.shape)
         copies.append(once + jitter_deg + np.array([0.0, copy * _STEP_DEG]))
     copies[-1] = _southern(copies[-1], number - (len(copies) - 1) * len(once))
     return np.vstack(copies)

@@ -15,11 +15,11 @@ from benchmarks.server_processes import SERVE, Measured, listening
 from benchmarks.server_queries import (
     KEY,
     PathOf,
+    box_path,
     circle_path,
     filtered_path,
     near_obstacles,
     one_in_each_tile,
-    removed_too_path,
     write_queries,
 )
 from benchmarks.server_report import Report, Stock
@@ -99,12 +99,12 @@ def run(few: Stock, many: Stock, peers: Path | None, report: Report, rounds: int
 
 
 def _own(server: Measured, queries: _Queries) -> list[Subject]:
-    by_sql = queries.fresh("sql", removed_too_path, _FRESH_BY_SQL)
+    box = queries.fresh("box", box_path, _FRESH_BY_SQL)
     return [
         Subject(f"HeadsUp, {_REPEATED}", server, queries.repeated("own")),
         Subject(f"HeadsUp, {_FRESH}", server, queries.fresh("own")),
         Subject(f"HeadsUp, filtered, {_FRESH}", server, queries.fresh("filtered", filtered_path)),
-        Subject(f"HeadsUp, removed ones too, by SQL, {_FRESH}", server, by_sql),
+        Subject(f"HeadsUp, a box, {_FRESH}", server, box),
     ]
 
 

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 
-from benchmarks.server_data import RADIUS_M, FloatArray
+from benchmarks.server_data import DEGREE_M, RADIUS_M, FloatArray
 from benchmarks.server_load import Load
 from contract.geometry import LatLon
 from server.geometry.quadkey import cell_of, tile_of_cell
@@ -29,9 +30,22 @@ def filtered_path(latitude_deg: float, longitude_deg: float, radius_m: float) ->
     return f"{circle_path(latitude_deg, longitude_deg, radius_m)}&kind=pothole,bump"
 
 
-def removed_too_path(latitude_deg: float, longitude_deg: float, radius_m: float) -> str:
-    """The same with what was removed, which memory does not hold: the service answers such queries by SQL."""
-    return f"{circle_path(latitude_deg, longitude_deg, radius_m)}&state=candidate,confirmed,removed"
+def box_about(latitude_deg: float, longitude_deg: float, radius_m: float) -> tuple[float, float, float, float]:
+    """West, south, east and north, in degrees, of the box with the circle's area: it holds as much on average."""
+    half_m = radius_m * math.sqrt(math.pi) / 2
+    north_deg = half_m / DEGREE_M
+    east_deg = north_deg / math.cos(math.radians(latitude_deg))
+    return longitude_deg - east_deg, latitude_deg - north_deg, longitude_deg + east_deg, latitude_deg + north_deg
+
+
+def box_text(latitude_deg: float, longitude_deg: float, radius_m: float) -> str:
+    """The box as the parameter `bbox`."""
+    return ",".join(f"{edge:.7f}" for edge in box_about(latitude_deg, longitude_deg, radius_m))
+
+
+def box_path(latitude_deg: float, longitude_deg: float, radius_m: float) -> str:
+    """The query of a map, which the service answers by SQL."""
+    return f"/v1/obstacles?bbox={box_text(latitude_deg, longitude_deg, radius_m)}"
 
 
 def near_obstacles(places_deg: FloatArray, number: int, seed: int) -> FloatArray:

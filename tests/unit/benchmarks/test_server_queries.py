@@ -12,21 +12,23 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from benchmarks.peer_servers import PEERS, box_about
+from benchmarks.peer_servers import PEERS
 from benchmarks.server_data import synthetic_city
 from benchmarks.server_load import Cost, Load
 from benchmarks.server_processes import Measured
 from benchmarks.server_queries import (
+    box_about,
+    box_path,
     circle_path,
     filtered_path,
     near_obstacles,
     one_in_each_tile,
-    removed_too_path,
     write_queries,
 )
 from benchmarks.server_report import Report, Row
 from benchmarks.server_turns import Subject
 from contract.geometry import Kind
+from server.geometry.bounds import Bounds
 from server.reading.around import Circle
 from server.reading.query import ObstacleQuery
 from server.reading.remembered import is_remembered
@@ -43,7 +45,7 @@ longitudes = st.floats(-179, 179).map(lambda value: round(value, 7))
 
 
 @given(latitudes, longitudes)
-def test_a_plain_circle_is_answered_at_once_a_filtered_one_from_memory_and_what_is_gone_by_sql(
+def test_a_plain_circle_is_answered_at_once_a_filtered_one_from_memory_and_a_box_by_sql(
     lat_deg: float, lon_deg: float
 ) -> None:
     asked = parsed(urlsplit(circle_path(lat_deg, lon_deg, 300.0)).query.encode())
@@ -55,9 +57,9 @@ def test_a_plain_circle_is_answered_at_once_a_filtered_one_from_memory_and_what_
     assert query.filters.kinds == {Kind.POTHOLE, Kind.BUMP}, "all that the benchmark stores"
     assert isinstance(query.area, Circle)
     assert is_remembered(query.area, query.filters)
-    query = _query(urlsplit(removed_too_path(lat_deg, lon_deg, 300.0)).query, "state")
-    assert isinstance(query.area, Circle)
-    assert not is_remembered(query.area, query.filters)
+    box = _query(urlsplit(box_path(lat_deg, lon_deg, 300.0)).query).area
+    assert isinstance(box, Bounds)
+    assert box.south_deg < lat_deg < box.north_deg
 
 
 @given(latitudes, longitudes, st.floats(10, 2_000))
