@@ -242,8 +242,10 @@ def _smoothed(
         total[:], certainty[:] = 0.0, 0.0
         for i in range(max(-reach_along, -row), min(reach_along + 1, rows - row)):
             if is_seen[row + i]:
-                _add_shifted(certainty, along[i + reach_along], w[row + i], 0)
-                _add_shifted(total, along[i + reach_along], v[row + i], 0)
+                factor = along[i + reach_along]
+                for column in range(columns):
+                    certainty[column] += factor * w[row + i, column]
+                    total[column] += factor * v[row + i, column]
         for column in range(columns):
             smoothed[row, column] = correction[row, column] + total[column] / (certainty[column] + 1e-3)
     return smoothed
