@@ -80,7 +80,7 @@ def show_status() -> None:
         typer.echo(f"{'*' if revision == current else ' '} {revision}  {about}")
     if current == schema.head_revision():
         return
-    typer.echo(f"the database is at {current or 'no revision'}: run `headsup db upgrade`", err=True)
+    typer.echo(f"the database is at {current or 'no revision'}: {schema.remedy(current)}", err=True)
     raise typer.Exit(_OUT_OF_DATE)
 
 

