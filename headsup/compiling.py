@@ -43,10 +43,7 @@ class _Saying(event.Listener):  # type: ignore[misc]  # numba has no types
             self._depth += 1
             if not self._is_said and self._spent_s + now_s - self._begun_s > SILENT_S:
                 self._is_said = True
-                print(
-                    f"{self._who}: compiling for this machine: once, up to a minute (`headsup compile` does it before)",
-                    file=sys.stderr,
-                )
+                print(f"{self._who}: compiling for this machine, once: up to a minute", file=sys.stderr)
 
     def on_end(self, _: event.Event) -> None:
         with self._changes:

@@ -54,6 +54,7 @@ def detect_files(
     from rich.progress import track
 
     from detector.errors import DetectorError
+    from headsup.compiling import said_while_compiling
     from vehicle_client.sources.frame import SourceError
 
     try:
@@ -65,7 +66,8 @@ def detect_files(
     names = output_names(files)
     for path in track(list(names), description="detecting", console=Console(stderr=True), transient=True):
         try:
-            detect_file(path, out, names[path], method, sensor_height)
+            with said_while_compiling("detect"):
+                detect_file(path, out, names[path], method, sensor_height)
         except (SourceError, DetectorError, OSError) as error:
             failed += 1
             message = str(error)

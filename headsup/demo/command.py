@@ -34,6 +34,7 @@ def demo(
     """
     import signal
 
+    from headsup.compiling import said_while_compiling
     from headsup.demo.problem import DemoError
     from headsup.demo.story import tell
     from simulator.samples.scan import ScanError
@@ -44,7 +45,8 @@ def demo(
     try:
         if out.exists() and not out.is_dir():
             raise DemoError(f"{out} is a file; give --out a folder")
-        tell(out, data, seed, with_video=video)
+        with said_while_compiling("demo"):
+            tell(out, data, seed, with_video=video)
     except OSError as error:
         typer.echo(f"headsup demo: {error.filename or out}: {error.strerror or error}", err=True)
         raise typer.Exit(1) from None
