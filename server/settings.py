@@ -18,8 +18,8 @@ from server.life.policy import PolicyName
 from server.logs import LogFormat
 
 PREFIX = "HEADSUP_"
-# Names a folder of recordings for `headsup demo` and the tests.
-_NOT_OURS = frozenset({"HEADSUP_DATA"})
+# A folder of recordings for `headsup demo` and the tests, and a vehicle's key.
+_NOT_OURS = frozenset({"HEADSUP_DATA", "HEADSUP_API_KEY"})
 _DRIVERS = ("sqlite+aiosqlite", "postgresql+asyncpg")
 # 32 characters of base64 are 192 bits: nothing to guess, and SHA-256 without a salt is safe to store.
 _LEAST_KEY_LENGTH = 32

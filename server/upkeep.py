@@ -42,6 +42,8 @@ class Upkeep:
                 await self.sweep(datetime.now(UTC))
             except (ServiceError, DBAPIError, OSError) as error:
                 _LOG.warning("upkeep failed and will be tried again: %s", type(error).__name__)
+            except Exception:  # nobody would notice that the rounds had ended
+                _LOG.exception("upkeep failed and will be tried again")
             # Replicas that started together drift apart.
             await asyncio.sleep(_INTERVAL_S * random.uniform(0.75, 1.25))  # noqa: S311  # jitter, not a secret
 

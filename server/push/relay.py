@@ -50,6 +50,8 @@ class Relay:
                 await self.tell()
             except (ServiceError, DBAPIError, OSError) as error:
                 _LOG.warning("events of other processes are late: %s", type(error).__name__)
+            except Exception:  # nobody would notice that the rounds had ended, and vehicles would not be told
+                _LOG.exception("events of other processes are late")
 
     async def tell(self) -> None:
         """Publish what was logged around this process's vehicles since the last call."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import logging
 import re
+from collections.abc import Sequence
 from datetime import UTC, datetime
 from pathlib import Path
 from uuid import uuid4
@@ -18,17 +19,21 @@ from typer.testing import CliRunner
 from contract.events import MAX_RADIUS_M, Position, ServerMessage
 from contract.geometry import LatLon
 from contract.observation import ObservationBatch
+from contract.obstacle import ObstacleFeature
 from headsup.database_commands import db_app
 from server.app import create_app
 from server.errors import SchemaOutOfDateError
-from server.push.stream import LEAVING_RATIO, Subscription
-from server.settings import Settings
+from server.life.policy import COOPERATION
+from server.push import relay
+from server.push.stream import LEAVING_RATIO, Hub, Subscription
+from server.reading.tile_reader import TileReader, Versions
+from server.settings import Settings, unknown_variables
 from server.storage import schema
 from server.storage.database import Database
 from server.web.dependencies import Parts
 from tests.integration.conftest import OPERATOR_KEY, fresh_postgres, serving
 from tests.integration.serving import refused
-from tests.unit.server.making import HOUR, detection, message
+from tests.unit.server.making import HOUR, PATRAS, detection, message
 
 JSON = {"Content-Type": "application/json"}
 
@@ -97,15 +102,11 @@ async def test_what_another_server_decided_reaches_a_vehicle_among_those_on_twen
 ) -> None:
     # At 85 degrees a circle of 2 km touches some five hundred tiles.
     places = [LatLon(latitude_deg=85.0, longitude_deg=8.0 * number) for number in range(-20, 20)]
-
-    async def send(_: ServerMessage) -> None:
-        """Nothing is sent: the subscriptions do not run."""
-
     app = create_app(settings)
     async with app.router.lifespan_context(app), serving(settings) as others_client:
         parts: Parts = app.state.parts
         for place in places:
-            subscription = Subscription(parts.relay.near, send)
+            subscription = Subscription(parts.relay.near, _silently)
             subscription.move(Position(position_seq=1, position=place, radius_m=MAX_RADIUS_M))
             parts.hub.add(subscription)
             await parts.relay.near(place, LEAVING_RATIO * MAX_RADIUS_M)
@@ -137,3 +138,47 @@ def test_a_schema_of_a_later_version_is_refused_with_what_to_do(database_url: st
     for command, exit_code in (("upgrade", 1), ("status", 2)):
         result = CliRunner().invoke(db_app, [command], env={"HEADSUP_DATABASE_URL": database_url})
         assert (result.exit_code, "headsup db downgrade" in result.stderr) == (exit_code, True)
+
+
+async def test_a_fault_in_one_round_does_not_end_the_rounds_in_which_vehicles_are_told(
+    settings: Settings, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    goes_on = asyncio.Event()
+
+    class FailingOnce(TileReader):
+        asked = 0
+
+        async def versions_aside(self, wanted: Sequence[int]) -> Versions:
+            self.asked += 1
+            if self.asked == 2:
+                raise KeyError("a fault of ours")
+            if self.asked == 4:
+                goes_on.set()
+            return await super().versions_aside(wanted)
+
+    monkeypatch.setattr(relay, "_INTERVAL_S", 0.01)
+    database, hub = Database.open(settings.database_url), Hub()
+    rounds = relay.Relay(FailingOnce(database, COOPERATION.life), hub, _nothing_near)
+    subscription = Subscription(rounds.near, _silently)
+    subscription.move(Position(position_seq=1, position=PATRAS, radius_m=MAX_RADIUS_M))
+    hub.add(subscription)
+    await rounds.near(PATRAS, MAX_RADIUS_M)
+    running = asyncio.create_task(rounds.run())
+    async with asyncio.timeout(10):
+        await goes_on.wait()
+    running.cancel()
+    await database.close()
+
+
+async def _nothing_near(_: LatLon, _radius_m: float) -> tuple[ObstacleFeature, ...]:
+    return ()
+
+
+async def _silently(_: ServerMessage) -> None:
+    """Where nothing is sent: the subscription does not run."""
+
+
+def test_the_key_of_a_vehicle_is_no_misspelt_setting_of_the_server() -> None:
+    assert unknown_variables(["HEADSUP_API_KEY", "HEADSUP_PROT"]) == [
+        "HEADSUP_PROT is no setting: did you mean HEADSUP_PORT?"
+    ]
