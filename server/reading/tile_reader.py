@@ -130,7 +130,7 @@ class TileReader:
             row = (await connection.execute(_WHOLE, {"shard": shard_of_id(identifier), "id": identifier})).mappings()
             body = feature_of(rows.obstacle_of(row.one()), self._life).model_dump_json()
         mark = mark_of(identifier, revision)
-        return Served(mark, latitude_deg, longitude_deg, _microseconds(expires_at), body.encode())
+        return Served(mark, latitude_deg, longitude_deg, microseconds(expires_at), body.encode())
 
 
 def _change(tile: int, seq: int, body: str) -> TileChange:
@@ -145,10 +145,11 @@ def _served(feature: ObstacleFeature, body: str) -> Served:
         mark=mark_of(feature.id, feature.properties.revision),
         latitude_deg=feature.position.latitude_deg,
         longitude_deg=feature.position.longitude_deg,
-        expires_at_us=_microseconds(feature.properties.expires_at),
+        expires_at_us=microseconds(feature.properties.expires_at),
         body=body.encode(),
     )
 
 
-def _microseconds(moment: datetime) -> int:
+def microseconds(moment: datetime) -> int:
+    """A moment as it is kept in memory: since 1970."""
     return (moment - _EPOCH) // timedelta(microseconds=1)

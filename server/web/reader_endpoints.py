@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import logging
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from datetime import UTC, datetime
 from typing import Annotated, Any
 from uuid import UUID
@@ -12,7 +14,7 @@ from fastapi.responses import JSONResponse
 from pydantic import Field, model_validator
 
 from contract.history import ObstacleHistory
-from contract.obstacle import ObstacleCollection, ObstacleFeature, ObstaclePoints
+from contract.obstacle import Link, ObstacleCollection, ObstacleFeature, ObstaclePoints
 from server.errors import ObstacleNotFoundError, ServiceError, VersionNotFoundError
 from server.formats.names import FormatName
 from server.formats.registry import FORMATS, GEOJSON, Format, chosen
@@ -21,15 +23,23 @@ from server.logs import FIELDS
 from server.reading import collection, remembered, representation
 from server.reading.around import Circle, Key
 from server.reading.cursors import cursor_of, position_of
-from server.reading.query import Filters, Missing, ObstacleQuery, Parameters
+from server.reading.query import Missing, ObstacleQuery, Parameters
 from server.reading.search import Search
 from server.storage import history
 from server.storage.repository import Repository
 from server.storage.versions import all_versions, points_of
 from server.web.dependencies import REFUSALS, CallerNow, Parts, PartsNow, bearer, once_each, refusals
 
-Features = tuple[ObstacleFeature, ...]
 _LOG = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True, slots=True)
+class _Page:
+    """Obstacles in order by their marks, how they become a body, and the last one's key when more follow."""
+
+    marks: Sequence[bytes]
+    body: Callable[[Format, Sequence[Link], datetime], bytes]
+    more_behind: Key | None = None
 
 
 class GeoJson(JSONResponse):
@@ -99,15 +109,15 @@ async def get_obstacles(
 ) -> Response:
     """Obstacles within a geodesic radius of a place, nearest first, or in a box, by id. Removed ones only if asked."""
     form = chosen(query.f, request.headers.get("accept"))
-    features, more_behind = await _searched(parts, query)
+    now = datetime.now(UTC)
+    page = await _remembered(parts, query, now) or await _searched(parts, query, now)
     links = []
-    if more_behind is not None:
-        links.append(representation.next_link(request, query.cursor_behind(more_behind), form.media_type))
-    marks = (collection.mark_of(feature.id, feature.properties.revision) for feature in features)
-    tag = collection.tag(marks, form.name, [link.href for link in links])
+    if page.more_behind is not None:
+        links.append(representation.next_link(request, query.cursor_behind(page.more_behind), form.media_type))
+    tag = collection.tag(page.marks, form.name, [link.href for link in links])
     if representation.holds(request.headers.get("if-none-match"), tag):
         return representation.unchanged(tag, links)
-    return representation.answer(request, form.page(features, links, datetime.now(UTC)), form.media_type, tag, links)
+    return representation.answer(request, page.body(form, links, now), form.media_type, tag, links)
 
 
 @readers.get(
@@ -168,31 +178,41 @@ def one(request: Request, feature: ObstacleFeature, form: Format) -> Response:
     return representation.answer(request, form.one(feature, datetime.now(UTC)), form.media_type, tag)
 
 
-async def _searched(parts: Parts, query: ObstacleQuery) -> tuple[Features, Key | None]:
-    """The page's features in order, and the last one's key when more follow."""
-    area, filters, after, now = query.area, query.filters, query.after(), datetime.now(UTC)
-    if isinstance(area, Circle) and after is None and remembered.is_remembered(area, filters):
-        features = await _remembered(parts, area, filters, now)
-        if features is not None and len(features) <= query.limit:
-            return features, None
+async def _searched(parts: Parts, query: ObstacleQuery, now: datetime) -> _Page:
+    """The page by SQL."""
+    area, after = query.area, query.after()
     async with parts.database.read() as connection:
         search = Search(connection, parts.life, now)
         if isinstance(area, Circle):
-            page = await search.around(area, filters, after, query.limit)
+            page = await search.around(area, query.filters, after, query.limit)
         else:
-            page = await search.inside(area, filters, after, query.limit)
-    return page.features, page.more_behind
+            page = await search.inside(area, query.filters, after, query.limit)
+    marks = [collection.mark_of(feature.id, feature.properties.revision) for feature in page.features]
+    return _Page(marks, lambda form, links, at: form.page(page.features, links, at), page.more_behind)
 
 
-async def _remembered(parts: Parts, circle: Circle, filters: Filters, now: datetime) -> Features | None:
-    """All of a circle from memory; None when that fails but SQL may not."""
+async def _remembered(parts: Parts, query: ObstacleQuery, now: datetime) -> _Page | None:
+    """The only page of a circle from memory; None when SQL must tell, or still may."""
+    area, filters = query.area, query.filters
+    if not isinstance(area, Circle) or query.cursor is not None or not remembered.is_remembered(area, filters):
+        return None
     try:
-        return await remembered.around(parts.nearby, circle, filters, parts.life, now)
+        entries = await remembered.around(parts.nearby, area, filters, parts.life, now)
     except ServiceError:
         raise
     except Exception:  # a fault of this way costs the caller time, not the answer
         _LOG.exception("unexpected error", extra={FIELDS: {"route": "/v1/obstacles"}})
         return None
+    if entries is None or len(entries) > query.limit:
+        return None
+    texts = [entry[3] for entry in entries]
+
+    def body(form: Format, links: Sequence[Link], at: datetime) -> bytes:
+        if form.name is FormatName.GEOJSON:
+            return collection.joined(texts, links)
+        return form.page(tuple(map(ObstacleFeature.model_validate_json, texts)), links, at)
+
+    return _Page([entry[2] for entry in entries], body)
 
 
 async def _stored(repository: Repository, identifier: UUID) -> Obstacle:
