@@ -32,7 +32,7 @@ def upgrade_database() -> None:
     async def upgrade(database: Database) -> None:
         typer.echo(f"the database is at {await schema.upgrade(database)}", err=True)
 
-    with_database(upgrade)
+    with_database(upgrade, makes=True)
 
 
 @db_app.command("downgrade")

@@ -48,7 +48,7 @@ def create_key(
     async def create(keys: Keys) -> None:
         typer.echo(await keys.create(Role(role.value), name))
 
-    _with_keys(create)
+    _with_keys(create, makes=True)
 
 
 @keys_app.command("list")
@@ -92,8 +92,8 @@ def _minute(moment: datetime) -> str:
     return f"{moment:%Y-%m-%dT%H:%MZ}"
 
 
-def _with_keys(work: Callable[[Keys], Awaitable[None]]) -> None:
-    """Run `work` on the keys of a database whose schema is right (a fresh SQLite file gets it)."""
+def _with_keys(work: Callable[[Keys], Awaitable[None]], *, makes: bool = False) -> None:
+    """Run `work` on the keys of a database whose schema is right; a fresh file of SQLite gets it."""
 
     async def prepared(database: Database) -> None:
         from server.storage import schema
@@ -102,4 +102,4 @@ def _with_keys(work: Callable[[Keys], Awaitable[None]]) -> None:
         await schema.prepare(database)
         await work(Keys(database, None))
 
-    with_database(prepared)
+    with_database(prepared, makes=makes)

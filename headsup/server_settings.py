@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Awaitable, Callable, Mapping
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn
 
 import typer
@@ -66,15 +67,22 @@ def _complaint(item: Mapping[str, Any]) -> str:
     return f"HEADSUP_{str(item['loc'][0]).upper()}: {message}" if item["loc"] else message
 
 
-def with_database(work: Callable[[Database], Awaitable[None]]) -> None:
-    """Run `work` on the database of the settings; exits with a line when it is refused or the database fails."""
+def with_database(work: Callable[[Database], Awaitable[None]], *, makes: bool = False) -> None:
+    """Run `work` on the database of the settings; exits with a line when it is refused or the database fails.
+
+    A file of SQLite that is not there is made if `makes`, and refused otherwise: the command was meant for another.
+    """
     from sqlalchemy.exc import SQLAlchemyError
 
     from server.errors import ServiceError, for_operators
     from server.storage.database import Database
 
+    url = settings_with().database_url
+    if not makes:
+        _must_be_there(url)
+
     async def opened() -> None:
-        database = Database.open(settings_with().database_url)
+        database = Database.open(url)
         try:
             await work(database)
         finally:
@@ -91,6 +99,14 @@ def with_database(work: Callable[[Database], Awaitable[None]]) -> None:
         refuse(f"{error.filename or 'the system'}: {error.strerror}")
     except SQLAlchemyError as error:
         refuse(f"the database failed: {error.__cause__ or error}")
+
+
+def _must_be_there(database_url: str) -> None:
+    from sqlalchemy.engine import make_url
+
+    url = make_url(database_url)
+    if url.get_backend_name() == "sqlite" and not Path(url.database or "").exists():
+        refuse(f"there is no database {url.database}: say by HEADSUP_DATABASE_URL where it is")
 
 
 def refuse(message: str) -> NoReturn:

@@ -21,6 +21,7 @@ from contract.geometry import LatLon
 from contract.observation import ObservationBatch
 from contract.obstacle import ObstacleFeature
 from headsup.database_commands import db_app
+from headsup.key_commands import keys_app
 from server.app import create_app
 from server.errors import SchemaOutOfDateError
 from server.life.policy import COOPERATION
@@ -182,3 +183,18 @@ def test_the_key_of_a_vehicle_is_no_misspelt_setting_of_the_server() -> None:
     assert unknown_variables(["HEADSUP_API_KEY", "HEADSUP_PROT"]) == [
         "HEADSUP_PROT is no setting: did you mean HEADSUP_PORT?"
     ]
+
+
+def test_a_command_that_is_meant_for_another_database_makes_no_new_one(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    for app, *arguments in (
+        (keys_app, "list"),
+        (keys_app, "revoke", str(uuid4())),
+        (db_app, "status"),
+        (db_app, "prune", "--checkpoint", "before"),
+    ):
+        result = CliRunner().invoke(app, arguments)
+        assert (result.exit_code, result.stderr.startswith("there is no database headsup.sqlite3")) == (1, True)
+    assert list(tmp_path.iterdir()) == []

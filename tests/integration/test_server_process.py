@@ -108,7 +108,7 @@ def test_a_schema_of_another_version_is_refused_naming_the_command(url: str, tmp
     assert commands("db", "upgrade").exit_code == 0
     engine = create_engine(f"sqlite:///{tmp_path}/headsup.sqlite3")
     with engine.begin() as connection:
-        connection.execute(text("UPDATE alembic_version SET version_num = 'older'"))
+        connection.execute(text("UPDATE alembic_version SET version_num = '2026_11_22_first_tables'"))
     engine.dispose()
     result = commands("serve", "--port", "0")
     assert result.exit_code == 1
@@ -208,7 +208,7 @@ def test_faults_of_settings_and_policy_are_listed_together(
     # Other commands do not need the policy, and this one nothing else.
     monkeypatch.delenv("HEADSUP_PORT")
     monkeypatch.delenv("HEADSUP_DRAIN_S")
-    assert commands("keys", "list").exit_code == 0
+    assert commands("db", "upgrade").exit_code == 0
     monkeypatch.setenv("HEADSUP_PORT", "many")
     monkeypatch.delenv("HEADSUP_POLICY_FILE")
     assert CliRunner().invoke(policy_app, ["show"]).exit_code == 0
