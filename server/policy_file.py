@@ -23,6 +23,8 @@ from server.life import policy as policy_module
 from server.life.policy import Policy, policy_named
 from server.settings import PolicySettings
 
+# A century: ten of them, as many half-lives as the surest obstacle may last, are still moments of the calendar.
+_LONGEST_S = 3_155_760_000.0
 # Numbers whose bounds are tighter than "not negative"; the drift is what the history of an obstacle looks through.
 _BOUNDS: Mapping[str, tuple[float, float]] = MappingProxyType(
     {
@@ -117,10 +119,9 @@ def _taken(place: str, name: str, value: Any, before: Any) -> Any:
     whole = isinstance(before, int)
     number = _number(place, name, value, whole)
     if isinstance(before, timedelta):
-        try:
-            return timedelta(seconds=number)
-        except OverflowError:
-            raise PolicyFileError(f"{place} is too long") from None
+        if number > _LONGEST_S:
+            raise PolicyFileError(f"{place} is too long: at most {_LONGEST_S:g} s")
+        return timedelta(seconds=number)
     return int(number) if whole else number
 
 
@@ -140,8 +141,8 @@ def _half_lives(place: str, value: Any, before: Mapping[Kind, float]) -> Mapping
     if not isinstance(value, dict) or not value.keys() <= kinds.keys():
         raise PolicyFileError(f"{place} must have numbers for some of {', '.join(kinds)}")
     given = {kinds[name]: float(_number(f"{place}.{name}", "", number, False)) for name, number in value.items()}
-    if any(number < 1 for number in given.values()):
-        raise PolicyFileError(f"{place} must be at least 1 s")
+    if not all(1 <= number <= _LONGEST_S for number in given.values()):
+        raise PolicyFileError(f"{place} must be at least 1 s and at most {_LONGEST_S:g} s")
     return MappingProxyType({**before, **given})
 
 

@@ -25,10 +25,11 @@ from headsup.key_commands import keys_app
 from server.app import create_app
 from server.errors import SchemaOutOfDateError
 from server.life.policy import COOPERATION
+from server.policy_file import PolicyFileError, policy_of
 from server.push import relay
 from server.push.stream import LEAVING_RATIO, Hub, Subscription
 from server.reading.tile_reader import TileReader, Versions
-from server.settings import Settings, unknown_variables
+from server.settings import PolicySettings, Settings, unknown_variables
 from server.storage import schema
 from server.storage.database import Database
 from server.web.dependencies import Parts
@@ -198,3 +199,24 @@ def test_a_command_that_is_meant_for_another_database_makes_no_new_one(
         result = CliRunner().invoke(app, arguments)
         assert (result.exit_code, result.stderr.startswith("there is no database headsup.sqlite3")) == (1, True)
     assert list(tmp_path.iterdir()) == []
+
+
+def test_a_half_life_that_no_calendar_holds_is_refused_before_reports_fail_by_it(tmp_path: Path) -> None:
+    path = tmp_path / "policy.toml"
+    path.write_text("[life]\nhalf_life_s = { pothole = 1e11 }\n")
+    with pytest.raises(PolicyFileError, match="half_life_s must be at least 1 s and at most"):
+        policy_of(PolicySettings(policy_file=path))
+
+
+async def test_with_the_longest_half_life_any_confidence_can_be_asked_for(tmp_path: Path) -> None:
+    path = tmp_path / "policy.toml"
+    path.write_text("[life]\nhalf_life_s = { pothole = 3.1e9 }\n")
+    database_url = f"sqlite+aiosqlite:///{tmp_path}/headsup.sqlite3"
+    async with serving(Settings(database_url=database_url, policy_file=path)) as client:
+        report = message(detection(), at=datetime.now(UTC) - HOUR)
+        batch = ObservationBatch(sent_at=datetime.now(UTC), reports=(report,))
+        (await client.post("/v1/observations", content=batch.model_dump_json(), headers=JSON)).raise_for_status()
+        for confidence, number in (("5e-324", 1), ("1", 0)):
+            where = {"lat": PATRAS.latitude_deg, "lon": PATRAS.longitude_deg, "min_confidence": confidence}
+            answer = await client.get("/v1/obstacles", params=where)
+            assert (answer.status_code, len(answer.json()["features"])) == (200, number)
