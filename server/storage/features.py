@@ -107,13 +107,8 @@ def feature_text(obstacle: Obstacle, life: Life) -> str:
     return to_json(feature).decode()
 
 
-def event_of(obstacle: Obstacle, life: Life) -> ObstacleEvent:
-    """The event that tells of an obstacle's latest revision."""
-    return event_with(obstacle, feature_text(obstacle, life))
-
-
-def event_with(obstacle: Obstacle, text: str) -> ObstacleEvent:
-    """The same for a text that was made already."""
+def event_of(obstacle: Obstacle, text: str) -> ObstacleEvent:
+    """The event that tells of an obstacle's latest revision, whose `feature_text` is given."""
     return ObstacleEvent(
         obstacle_id=obstacle.id,
         revision=obstacle.revision,

@@ -19,7 +19,7 @@ from server.geometry.quadkey import cell_of, tile_of_cell
 from server.life.obstacle import Obstacle, Witness
 from server.life.policy import Life
 from server.life.reach import Reach
-from server.storage.features import ObstacleEvent, event_with, feature_text
+from server.storage.features import ObstacleEvent, event_of, feature_text
 
 Evidence = dict[tuple[UUID, str], Witness]
 Outcome = Literal["shared", "refuted"]
@@ -141,7 +141,7 @@ class WorkingSet:
             tile = self.tiles[number]
             tile.version += 1
             self.events.append(EventLine(number, tile.version, after.id, body, at))
-        return event_with(after, body)
+        return event_of(after, body)
 
 
 def _outcome(before: Obstacle, after: Obstacle) -> Outcome | None:

@@ -24,14 +24,12 @@ class RateLimit:
     def __len__(self) -> int:
         return len(self._full_at_s)
 
-    def wait_s(self, name: str, now_s: float, cost: float = 1.0) -> float:
-        """Seconds until `cost` could be taken; 0 when it can be now. `now_s` is of any clock that never goes back."""
-        wait_s = self._after(name, now_s, cost) - now_s - self._depth_s
-        return wait_s if wait_s > _ROUNDING_S else 0.0
-
     def take(self, name: str, now_s: float, cost: float = 1.0) -> float:
-        """Take `cost` if it is there; the seconds to wait when it is not, else 0."""
-        full_at_s = self._after(name, now_s, cost)
+        """Take `cost` if it is there; the seconds to wait when it is not, else 0.
+
+        `now_s` is of any clock that never goes back.
+        """
+        full_at_s = max(self._full_at_s.get(name, now_s), now_s) + cost * self._step_s
         wait_s = full_at_s - now_s - self._depth_s
         if wait_s > _ROUNDING_S:
             return wait_s
@@ -40,6 +38,3 @@ class RateLimit:
         if len(self._full_at_s) > self._most:
             self._full_at_s.popitem(last=False)
         return 0.0
-
-    def _after(self, name: str, now_s: float, cost: float) -> float:
-        return max(self._full_at_s.get(name, now_s), now_s) + cost * self._step_s

@@ -11,10 +11,14 @@ from server.geometry.geodesy import distance_m
 from server.life.obstacle import Obstacle
 from server.life.policy import COOPERATION
 from server.push.stream import Hub, Subscription
-from server.storage.features import ObstacleEvent, event_of
+from server.storage.features import ObstacleEvent, event_of, feature_of, feature_text
 from tests.unit.server.making import NOON, PATRAS, Road, detection
 
 HERE = Position(position_seq=1, position=PATRAS, radius_m=200)
+
+
+def changed_to(obstacle: Obstacle) -> ObstacleEvent:
+    return event_of(obstacle, feature_text(obstacle, COOPERATION.life))
 
 
 class Place:
@@ -27,7 +31,7 @@ class Place:
         self.reads.set()
 
     async def near(self, centre: LatLon, radius_m: float) -> tuple[ObstacleFeature, ...]:
-        features = [event_of(obstacle, COOPERATION.life).feature for obstacle in self.obstacles.values()]
+        features = [feature_of(obstacle, COOPERATION.life) for obstacle in self.obstacles.values()]
         return tuple(feature for feature in features if distance_m(feature.position, centre) <= radius_m)
 
     async def send(self, message: ServerMessage) -> None:
@@ -36,7 +40,7 @@ class Place:
 
     def changed(self, obstacle: Obstacle) -> ObstacleEvent:
         self.obstacles[obstacle.id] = obstacle
-        return event_of(obstacle, COOPERATION.life)
+        return changed_to(obstacle)
 
 
 def holes(count: int) -> list[Obstacle]:
@@ -77,7 +81,7 @@ async def test_an_older_revision_is_not_sent_after_a_newer_one() -> None:
     place.changed(hole._replace(revision=5))
     subscription.move(HERE)
     await settled()
-    subscription.offer(event_of(hole._replace(revision=4), COOPERATION.life))
+    subscription.offer(changed_to(hole._replace(revision=4)))
     await settled()
     running.cancel()
     assert [type(message) for message in place.heard] == [Snapshot]
@@ -117,7 +121,7 @@ async def test_a_removal_is_told_to_those_who_knew_the_obstacle_only() -> None:
     await settled()
     gone = hole._replace(revision=2, removed_at=NOON, removed_reason="absent")
     for subscription in subscriptions:
-        subscription.offer(event_of(gone, COOPERATION.life))
+        subscription.offer(changed_to(gone))
     await settled()
     for task in running:
         task.cancel()

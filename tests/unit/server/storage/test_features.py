@@ -78,7 +78,7 @@ def test_an_event_tells_the_same_from_an_obstacle_and_from_its_logged_feature() 
     road.sees("ego1", NOON, detection())
     (obstacle,) = road.obstacles.values()
     gone = obstacle._replace(revision=2, removed_reason="merged", merged_into=UUID(int=7))
-    made = event_of(gone, COOPERATION.life)
+    made = event_of(gone, feature_text(gone, COOPERATION.life))
     logged = ObstacleEvent.of(feature_of(gone, COOPERATION.life))
     assert made.feature == logged.feature
     for name in ("obstacle_id", "revision", "position", "removed_reason", "merged_into"):

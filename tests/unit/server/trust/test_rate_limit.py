@@ -53,13 +53,6 @@ def test_a_batch_costs_its_reports_and_a_refused_one_nothing() -> None:
     assert limit.take("a", 0, 50) == 0
 
 
-def test_asking_takes_nothing() -> None:
-    limit = RateLimit(1, 1)
-    assert [limit.wait_s("a", 0) for _ in range(5)] == [0] * 5
-    limit.take("a", 0)
-    assert limit.wait_s("a", 0) == pytest.approx(1)
-
-
 def test_names_are_forgotten_oldest_first() -> None:
     limit = RateLimit(1, 1, most=10)
     for number in range(1_000):
