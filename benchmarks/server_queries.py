@@ -44,7 +44,7 @@ def box_text(latitude_deg: float, longitude_deg: float, radius_m: float) -> str:
 
 
 def box_path(latitude_deg: float, longitude_deg: float, radius_m: float) -> str:
-    """The query of a map, which the service answers by SQL."""
+    """The query of a map."""
     return f"/v1/obstacles?bbox={box_text(latitude_deg, longitude_deg, radius_m)}"
 
 

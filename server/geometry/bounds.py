@@ -4,15 +4,9 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterator
 from dataclasses import dataclass
 
-from server.geometry.quadkey import CELL_ZOOM, Ranges, merged
-
-# More ranges narrow the box further but cost a look into the index each; a circle has at most as many.
-_MOST_TILES = 16
-# Rounding of the inverse projection: a few units in the last place of 180.
-_ROUNDING_DEG = 1e-9
+from server.geometry.quadkey import Ranges, box_window
 
 # As text: longitudes, latitudes and heights as plain decimals, for the API's description.
 _LONGITUDE = r"-?(180(\.0+)?|(1[0-7][0-9]|[0-9]?[0-9])(\.[0-9]+)?)"
@@ -75,41 +69,12 @@ class Bounds:
             spans.append((180.0, 180.0))
         return tuple(spans)
 
-    def cover(self) -> Ranges:
-        """Ascending, disjoint, inclusive ranges of cells that hold every point of the box."""
-        zoom, tiles = 0, [(0, 0, 0)]
-        while zoom < CELL_ZOOM:
-            finer = [child for tile in tiles for child in _children(*tile) if self._touches(zoom + 1, *child[1:])]
-            if len(finer) > _MOST_TILES:
-                break
-            zoom, tiles = zoom + 1, finer
-        shift = 2 * (CELL_ZOOM - zoom)
-        return merged((code << shift, ((code + 1) << shift) - 1) for code, _, _ in tiles)
-
-    def _touches(self, zoom: int, x: int, y: int) -> bool:
-        south_deg, north_deg = _latitude_deg(y + 1, zoom), _latitude_deg(y, zoom)
-        if self.south_deg > north_deg + _ROUNDING_DEG or self.north_deg < south_deg - _ROUNDING_DEG:
-            return False
-        west_deg, east_deg = (360.0 * column / (1 << zoom) - 180.0 for column in (x, x + 1))
-        # The last floats below 180 degrees round into the first column.
-        if x == 0 and any(east >= 180.0 - _ROUNDING_DEG for _, east in self.longitude_spans):
-            return True
-        return any(
-            west <= east_deg + _ROUNDING_DEG and east >= west_deg - _ROUNDING_DEG for west, east in self.longitude_spans
+    def holds(self, latitude_deg: float, longitude_deg: float) -> bool:
+        """Whether a place lies in the box, whatever its height."""
+        return self.south_deg <= latitude_deg <= self.north_deg and any(
+            west <= longitude_deg <= east for west, east in self.longitude_spans
         )
 
-
-def _children(code: int, x: int, y: int) -> Iterator[tuple[int, int, int]]:
-    """The four tiles of the next zoom: Morton code, column, row."""
-    for down in (0, 1):
-        for right in (0, 1):
-            yield 4 * code + 2 * down + right, 2 * x + right, 2 * y + down
-
-
-def _latitude_deg(row: int, zoom: int) -> float:
-    """Latitude of a row's northern edge; the first and the last row reach to the poles."""
-    if row == 0:
-        return 90.0
-    if row == 1 << zoom:
-        return -90.0
-    return math.degrees(math.atan(math.sinh(math.pi * (1 - 2 * row / (1 << zoom)))))
+    def cover(self) -> Ranges:
+        """Ascending, disjoint, inclusive ranges of cells that hold every point of the box."""
+        return box_window(self.west_deg, self.south_deg, self.east_deg, self.north_deg).cover()

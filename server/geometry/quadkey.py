@@ -24,6 +24,8 @@ LEAST_EARTH_RADIUS_M = 6_335_439.0
 MERCATOR_LATITUDE_DEG = 85.0511287798066
 _SIDE = 1 << CELL_ZOOM
 _COVER_SIDE, _COVER_BITS = 4, 2
+# A row is rounded like a few units in the last place of 90.
+_ROUNDING_DEG = 1e-9
 # Columns and rows of tiles, whose bits are spread on the way of every query.
 _REMEMBERED = 1 << 15
 # Vehicles report from the same streets; a cover takes half a kilobyte.
@@ -81,7 +83,7 @@ def merged(ranges: Iterable[tuple[int, int]]) -> Ranges:
 
 
 class Window(NamedTuple):
-    """A circle's bounding box in columns and rows of cells, both ends included.
+    """A box, as about a circle, in columns and rows of cells, both ends included.
 
     Columns count from the antimeridian, and go on beyond it. Those of a lower zoom are the same numbers with fewer
     bits.
@@ -147,6 +149,17 @@ def window(centre: LatLon, radius_m: float) -> Window:
     if half_width_deg >= 180.0:
         return Window(0, _SIDE - 1, top, bottom)
     return Window(_column(longitude_deg - half_width_deg), _column(longitude_deg + half_width_deg), top, bottom)
+
+
+def box_window(west_deg: float, south_deg: float, east_deg: float, north_deg: float) -> Window:
+    """The window of a box of longitudes and latitudes; one with west > east runs across the antimeridian."""
+    turn = _SIDE if west_deg > east_deg else 0
+    return Window(
+        _column(west_deg - _ROUNDING_DEG),
+        _column(east_deg + _ROUNDING_DEG) + turn,
+        _row(north_deg + _ROUNDING_DEG),
+        _row(south_deg - _ROUNDING_DEG),
+    )
 
 
 def _half_width_deg(latitude_deg: float, angle_rad: float) -> float:

@@ -1,18 +1,23 @@
-"""Searches of small circles with filters, answered from memory as plain ones are; `Search` says the same by SQL."""
+"""Searches of small areas with filters, answered from memory as plain circles are; `Search` says the same by SQL."""
 
 from __future__ import annotations
 
 import asyncio
+import math
 from datetime import datetime, timedelta
 from itertools import islice
+from uuid import UUID
 
 import numpy as np
 from pydantic_core import from_json
 
-from contract.geometry import Kind
+from contract.geometry import Kind, LatLon
 from contract.observation import State
+from server.geometry.bounds import Bounds
+from server.geometry.geodesy import distance_m
 from server.geometry.quadkey import MERCATOR_LATITUDE_DEG
 from server.life.decay import lasts_s
+from server.life.identity import shard_of_id
 from server.life.policy import Life
 from server.reading.around import Circle, nearest
 from server.reading.nearby import GREATEST_RADIUS_M, Nearby
@@ -22,21 +27,29 @@ from server.reading.tile_reader import microseconds
 
 # So many texts are read in 1 ms, in which a thread would hardly have begun.
 _READ_AT_ONCE = 100
+# Up to 85 degrees a box that is wider does not fit into the circle.
+_WIDEST_DEG = 0.5
+_BEND, _LEAST_BEND_M = 1.01, 0.1
 
 
-def is_remembered(circle: Circle, filters: Filters) -> bool:
-    """Whether what is in memory is enough: nothing that was removed, and no more tiles than a street's."""
+def circle_of(area: Circle | Bounds, filters: Filters) -> Circle | None:
+    """The circle whose obstacles are in memory and hold the area's; None when something of it is not in memory."""
     if filters.states is not None and State.REMOVED in filters.states:
-        return False
-    return circle.radius_m <= GREATEST_RADIUS_M and abs(circle.centre.latitude_deg) <= MERCATOR_LATITUDE_DEG
+        return None
+    circle = area if isinstance(area, Circle) else _circle_about(area)
+    if circle is None or circle.radius_m > GREATEST_RADIUS_M:
+        return None
+    return circle if abs(circle.centre.latitude_deg) <= MERCATOR_LATITUDE_DEG else None
 
 
-async def around(nearby: Nearby, circle: Circle, filters: Filters, life: Life, now: datetime) -> list[Entry] | None:
-    """All obstacles of a circle that `is_remembered`, by geodesic distance and id; None of a crowd, for SQL to page."""
+async def found_in(
+    nearby: Nearby, area: Circle | Bounds, circle: Circle, filters: Filters, life: Life, now: datetime
+) -> list[Entry] | None:
+    """All obstacles of an area within `circle_of` it, in order as by SQL; None of a crowd, for SQL to page."""
     entries = [entry for _, _, entry in await nearby.within(circle.centre, circle.radius_m, now)]
     if len(entries) <= _READ_AT_ONCE:
-        return _chosen(circle, entries, filters, life, now)
-    return await asyncio.to_thread(_chosen, circle, entries, filters, life, now)
+        return _chosen(area, entries, filters, life, now)
+    return await asyncio.to_thread(_chosen, area, entries, filters, life, now)
 
 
 def is_wanted(entry: Entry, filters: Filters, life: Life, now: datetime) -> bool:
@@ -56,12 +69,36 @@ def is_wanted(entry: Entry, filters: Filters, life: Life, now: datetime) -> bool
     return until is None or datetime.fromisoformat(about["first_seen"]) <= until
 
 
-def _chosen(circle: Circle, entries: list[Entry], filters: Filters, life: Life, now: datetime) -> list[Entry] | None:
-    if circle.ahead is not None:
-        entries = _ahead(circle, entries)
+def _circle_about(bounds: Bounds) -> Circle | None:
+    width_deg = bounds.east_deg - bounds.west_deg + (360.0 if bounds.west_deg > bounds.east_deg else 0.0)
+    if width_deg > _WIDEST_DEG or math.isfinite(bounds.lowest_m) or math.isfinite(bounds.highest_m):
+        return None
+    middle_deg = (bounds.west_deg + width_deg / 2 + 180.0) % 360.0 - 180.0
+    centre = LatLon(latitude_deg=(bounds.south_deg + bounds.north_deg) / 2, longitude_deg=middle_deg)
+    corners = [
+        LatLon(latitude_deg=item, longitude_deg=bounds.east_deg) for item in (bounds.south_deg, bounds.north_deg)
+    ]
+    farthest_m = max(distance_m(centre, corner) for corner in corners)
+    # A parallel bends away from between its corners, by less than this where it is as short as here.
+    return Circle(centre, _BEND * farthest_m + _LEAST_BEND_M)
+
+
+def _chosen(
+    area: Circle | Bounds, entries: list[Entry], filters: Filters, life: Life, now: datetime
+) -> list[Entry] | None:
+    if isinstance(area, Bounds):
+        entries = [entry for entry in entries if area.holds(entry[4], entry[5])]
+        entries.sort(key=_by_id)
+    elif area.ahead is not None:
+        entries = _ahead(area, entries)
     if len(entries) > MAX_FEATURES:
         return None
     return [entry for entry in entries if is_wanted(entry, filters, life, now)]
+
+
+def _by_id(entry: Entry) -> tuple[int, UUID]:
+    identifier = identifier_of(entry)
+    return shard_of_id(identifier), identifier
 
 
 def _ahead(circle: Circle, entries: list[Entry]) -> list[Entry]:

@@ -65,7 +65,7 @@ class Search:
         if sum(high - low + 1 for low, high in ranges) <= _NARROW_CELLS:
             # As an expression it cannot tempt the planner to walk through the primary key instead of the cells.
             shard = shard + 0
-        query = select(*SERVED).where(_within(bounds), *self._conditions(filters))
+        query = select(*SERVED).where(_within(bounds, ranges), *self._conditions(filters))
         if after is not None:
             query = query.where(tuple_(shard, _TABLE.c.id) > (shard_of_id(after.id), after.id))
         query = query.order_by(shard, _TABLE.c.id).limit(limit + 1)
@@ -74,7 +74,9 @@ class Search:
 
     async def count(self, bounds: Bounds, filters: Filters) -> int:
         """How many obstacles all pages of a box hold."""
-        query = select(func.count()).select_from(_TABLE).where(_within(bounds), *self._conditions(filters))
+        query = (
+            select(func.count()).select_from(_TABLE).where(_within(bounds, bounds.cover()), *self._conditions(filters))
+        )
         return int((await self._connection.execute(query)).scalar_one())
 
     async def _keys(self, circle: Circle, filters: Filters, after: Key | None, limit: int) -> list[Key]:
@@ -133,10 +135,10 @@ def _widening_m(radius_m: float, after: Key | None) -> Iterator[float]:
     yield radius_m
 
 
-def _within(bounds: Bounds) -> ColumnElement[bool]:
+def _within(bounds: Bounds, ranges: Ranges) -> ColumnElement[bool]:
     longitude = or_(*(_TABLE.c.longitude_deg.between(west, east) for west, east in bounds.longitude_spans))
     conditions = [
-        _in_cells(bounds.cover()),
+        _in_cells(ranges),
         _TABLE.c.latitude_deg.between(bounds.south_deg, bounds.north_deg),
         longitude,
     ]

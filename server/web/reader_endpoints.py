@@ -192,12 +192,13 @@ async def _searched(parts: Parts, query: ObstacleQuery, now: datetime) -> _Page:
 
 
 async def _remembered(parts: Parts, query: ObstacleQuery, now: datetime) -> _Page | None:
-    """The only page of a circle from memory; None when SQL must tell, or still may."""
+    """The only page of a small area from memory; None when SQL must tell, or still may."""
     area, filters = query.area, query.filters
-    if not isinstance(area, Circle) or query.cursor is not None or not remembered.is_remembered(area, filters):
+    circle = None if query.cursor is not None else remembered.circle_of(area, filters)
+    if circle is None:
         return None
     try:
-        entries = await remembered.around(parts.nearby, area, filters, parts.life, now)
+        entries = await remembered.found_in(parts.nearby, area, circle, filters, parts.life, now)
     except ServiceError:
         raise
     except Exception:  # a fault of this way costs the caller time, not the answer

@@ -46,15 +46,17 @@ async def obstacles(client: httpx.AsyncClient, **query: Any) -> tuple[ObstacleFe
 
 
 async def by_sql(client: httpx.AsyncClient, **query: Any) -> list[dict[str, Any]]:
-    """All that SQL finds in a circle, where the client's server, in this process, may answer from memory."""
+    """All that SQL finds, where the client's server, in this process, may answer from memory."""
     transport = client._transport
     assert isinstance(transport, httpx.ASGITransport)
     parts: Parts = transport.app.state.parts  # type: ignore[attr-defined]  # FastAPI's
     asked = ObstacleQuery.model_validate(query)
-    assert isinstance(asked.area, Circle)
     async with parts.database.read() as connection:
         search = Search(connection, parts.life, datetime.now(UTC))
-        page = await search.around(asked.area, asked.filters, None, 100_000)
+        if isinstance(asked.area, Circle):
+            page = await search.around(asked.area, asked.filters, None, 100_000)
+        else:
+            page = await search.inside(asked.area, asked.filters, None, 100_000)
     return [feature.model_dump(mode="json") for feature in page.features]
 
 

@@ -27,11 +27,11 @@ from benchmarks.server_queries import (
 )
 from benchmarks.server_report import Report, Row
 from benchmarks.server_turns import Subject
-from contract.geometry import Kind
-from server.geometry.bounds import Bounds
+from contract.geometry import Kind, LatLon
+from server.geometry.geodesy import distance_m
 from server.reading.around import Circle
 from server.reading.query import ObstacleQuery
-from server.reading.remembered import is_remembered
+from server.reading.remembered import circle_of
 from server.web.nearby_route import parsed
 
 
@@ -45,7 +45,7 @@ longitudes = st.floats(-179, 179).map(lambda value: round(value, 7))
 
 
 @given(latitudes, longitudes)
-def test_a_plain_circle_is_answered_at_once_a_filtered_one_from_memory_and_a_box_by_sql(
+def test_a_plain_circle_is_answered_at_once_a_filtered_one_and_a_box_from_memory(
     lat_deg: float, lon_deg: float
 ) -> None:
     asked = parsed(urlsplit(circle_path(lat_deg, lon_deg, 300.0)).query.encode())
@@ -56,10 +56,12 @@ def test_a_plain_circle_is_answered_at_once_a_filtered_one_from_memory_and_a_box
     query = _query(filtered, "kind")
     assert query.filters.kinds == {Kind.POTHOLE, Kind.BUMP}, "all that the benchmark stores"
     assert isinstance(query.area, Circle)
-    assert is_remembered(query.area, query.filters)
-    box = _query(urlsplit(box_path(lat_deg, lon_deg, 300.0)).query).area
-    assert isinstance(box, Bounds)
-    assert box.south_deg < lat_deg < box.north_deg
+    assert circle_of(query.area, query.filters) == query.area
+    box = _query(urlsplit(box_path(lat_deg, lon_deg, 300.0)).query)
+    about = circle_of(box.area, box.filters)
+    assert about is not None
+    assert about.radius_m < 400
+    assert distance_m(about.centre, LatLon(latitude_deg=lat_deg, longitude_deg=lon_deg)) < 1
 
 
 @given(latitudes, longitudes, st.floats(10, 2_000))
