@@ -78,7 +78,7 @@ async def test_memory_and_sql_find_the_same_with_any_filter(client: httpx.AsyncC
     chance = random.Random(11)  # noqa: S311  # a test's street
     await street(client, centre, chance)
     sizes = []
-    for _ in range(80):
+    for _ in range(50):
         query = asked(centre, chance)
         answer = await client.get("/v1/obstacles", params=query)
         assert answer.status_code == 200, (query, answer.text)
