@@ -125,3 +125,13 @@ class Road:
     def served(self) -> dict[UUID, Obstacle]:
         """Obstacles without the evidence, which is not served."""
         return {key: value._replace(evidence=()) for key, value in self.obstacles.items()}
+
+
+def kinds(decisions: list[Decision]) -> list[str]:
+    return [decision.outcome.value for decision in decisions]
+
+
+def two_passes(policy: Policy, first: Detection, second: Detection) -> tuple[Road, str]:
+    road = Road(policy)
+    road.sees("ego1", NOON, first)
+    return road, kinds(road.sees("ego2", NOON + HOUR, second))[0]

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from contextlib import closing
-from pathlib import Path
 from uuid import UUID
 
 import httpx
@@ -32,12 +30,6 @@ from tests.unit.vehicle_client.outbox_making import (
 )
 from vehicle_client.link.back_off import GREATEST_S
 from vehicle_client.link.outbox import Outbox
-
-
-@pytest.fixture
-def outbox(tmp_path: Path) -> Iterator[Outbox]:
-    with closing(Outbox(tmp_path / "outbox.sqlite3")) as outbox:
-        yield outbox
 
 
 def test_an_empty_outbox_asks_nothing_of_the_server(outbox: Outbox) -> None:

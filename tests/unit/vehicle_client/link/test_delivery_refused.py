@@ -2,10 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from contextlib import closing
-from pathlib import Path
-
 import httpx
 import pytest
 
@@ -30,12 +26,6 @@ from tests.unit.vehicle_client.outbox_making import (
 from vehicle_client.link.back_off import GREATEST_S
 from vehicle_client.link.delivery import DROPPED_IN_ROW, STOPPED_S, Deliverer
 from vehicle_client.link.outbox import Outbox
-
-
-@pytest.fixture
-def outbox(tmp_path: Path) -> Iterator[Outbox]:
-    with closing(Outbox(tmp_path / "outbox.sqlite3")) as outbox:
-        yield outbox
 
 
 @pytest.mark.parametrize(
