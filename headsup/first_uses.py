@@ -14,10 +14,6 @@ from tempfile import TemporaryDirectory
 import numpy as np
 from numpy.typing import NDArray
 
-from detector.passes.accumulator import Accumulator, accumulate, hits_around
-from detector.passes.inspection import KnownPlace, inspect
-from detector.passes.over_frames import detect_over_frames
-from detector.passes.shape import measure
 from detector.pipeline import detect, estimate_sensor_height
 from detector.road.ground import road_coordinates
 from detector.saliency.cloud_saliency import saliency_map
@@ -28,13 +24,11 @@ from vehicle_client.sensing.calibration_file import CarCalibration
 from vehicle_client.sensing.preparation import Preparation
 from vehicle_client.sources.frame import LidarFrame
 from vehicle_client.sources.number_text import parse_numbers
+from vehicle_client.warming import load_compiled
 
 HEIGHT_M = 1.8
 HOLE_M = (14.0, 0.0, -0.1)
 """Before the first sweep's sensor, and how deep below the road; 0.9 m wide."""
-
-SWEEPS = 18
-"""A metre apart: what lies ahead of the first is behind the last."""
 
 PARALLEL = 2
 """Groups at once: compiling one keeps a core busy."""
@@ -67,20 +61,9 @@ def _road(car_x_m: float) -> NDArray[np.float32]:
 
 
 def _see_a_street() -> None:
-    """What a drive does with sweeps, from finding a hole to measuring and inspecting it."""
+    """What a drive does with sweeps, from the sensor's height to measuring and inspecting what was passed."""
     estimate_sensor_height(_road(0.0))
-    state = Accumulator()
-    for x_m in range(SWEEPS):
-        odom_from_sensor = rigid(np.eye(3), np.array([float(x_m), 0.0, HEIGHT_M]))
-        sweep = DetectorInput(_road(float(x_m)), HEIGHT_M, odom_from_sensor=odom_from_sensor)
-        detection = detect(sweep)
-        state = accumulate(state, sweep, detection)
-        if detection.corridor is not None:
-            detect_over_frames(state, sweep, detection)
-    hole_m = np.array(HOLE_M)
-    measure(hits_around(state, hole_m[:2]), is_negative=True)
-    place = KnownPlace(hole_m, 0.9, 0.9, 0.0, 0.1, is_negative=True, place_sd_m=0.3)
-    inspect(hits_around(state, hole_m[:2], place.half_size_m), place)
+    load_compiled()
 
 
 def _use_the_rest() -> None:
