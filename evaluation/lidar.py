@@ -132,7 +132,7 @@ def _count(
     score.frames[mode] += 1
     found = np.zeros(len(on.obstacles), dtype=bool)
     for obstacle in obstacles:
-        match = _match(obstacle, on, centres_m)
+        match = in_place(obstacle, on, centres_m)
         score.claimed[mode, obstacle.kind.value] += 1
         score.sureness[mode].append((obstacle.confidence, match is not None))
         if match is None:
@@ -160,8 +160,8 @@ def _trials(centres_m: FloatArray, seen: NDArray[np.bool_]) -> Iterator[tuple[in
                 yield int(k), distance
 
 
-def _match(obstacle: DetectedObstacle, on: Course, centres_m: FloatArray) -> int | None:
-    """The test obstacle of the same sign that a detection is, if any."""
+def in_place(obstacle: DetectedObstacle, on: Course, centres_m: FloatArray) -> int | None:
+    """Which test obstacle of the same sign a detection is, if any; `centres_m` (K, 3) are theirs in its frame."""
     away = np.hypot(*(centres_m[:, :2] - obstacle.centre_m[:2]).T)
     for k in np.argsort(away):
         placed = on.obstacles[k]

@@ -17,8 +17,6 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
 from contract.geometry import LatLon
-from detector.errors import DetectorError
-from detector.pipeline import estimate_sensor_height
 from headsup.ending import EndedEarly, Ending
 from vehicle_client.drive import Step, Vehicle
 from vehicle_client.frames import GeoOrigin, rigid
@@ -39,6 +37,7 @@ from vehicle_client.recording.background_recorder import BackgroundRecorder
 from vehicle_client.recording.drive_recorder import DriveRecorder, RecordingError
 from vehicle_client.sensing.calibration import VehicleCalibration
 from vehicle_client.sensing.calibration_file import CalibrationError, CarCalibration, read_calibration
+from vehicle_client.sensing.height_estimate import TRIED_FRAMES, estimated_height_m
 from vehicle_client.session import Known, Listener, Preparing, drive_along, windshield
 from vehicle_client.sources.frame import LidarFrame, SourceError
 from vehicle_client.sources.opening import CountingSource, SourceOptions, open_source
@@ -48,9 +47,6 @@ from vehicle_client.warming import load_compiled
 
 FAST_DRIVE_S = 3 * 3600.0
 """A recording that is driven through faster than it was made must not run into the future: it begins so long ago."""
-
-TRIED_FRAMES = 10
-"""Sweeps in which the sensor's height is looked for, when nobody has said it."""
 
 
 class DriveError(ValueError):
@@ -192,22 +188,11 @@ def _car(asked: Asked, frames: Iterator[LidarFrame]) -> tuple[CarCalibration, It
     height_m = asked.sensor_height_m
     if height_m is None:
         seen = list(islice(frames, TRIED_FRAMES))
-        height_m = _estimated_height_m(seen)
+        height_m = estimated_height_m(seen)
+    if height_m is None:
+        raise DriveError("how high the LiDAR sits above the road cannot be told: give --calibration or --sensor-height")
     vehicle_from_sensor = rigid(np.eye(3), np.array([0.0, 0.0, height_m]))
     return CarCalibration(VehicleCalibration(vehicle_from_sensor, sensor="lidar")), chain(seen, frames)
-
-
-def _estimated_height_m(frames: Sequence[LidarFrame]) -> float:
-    heights = []
-    for frame in frames:
-        try:
-            heights.append(estimate_sensor_height(frame.points_m))
-        except DetectorError:
-            continue
-    known = [height for height in heights if height is not None]
-    if not known:
-        raise DriveError("how high the LiDAR sits above the road cannot be told: give --calibration or --sensor-height")
-    return float(np.median(known))
 
 
 def _stated(start: str | None) -> StatedPlace | None:

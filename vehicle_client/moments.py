@@ -37,6 +37,10 @@ GIVEN_UP_M = 18.0
 GOOD_LN_AREA_SD = 0.25
 """An area known worse than by a quarter is not told before the obstacle is passed: it would only be corrected."""
 
+LEAST_RELIEF_M = 0.03
+"""What a whole pass measures as flatter than this is told to nobody: single sweeps take texture, gutters and patches of
+2 to 2.7 cm for more than they are (`headsup evaluate told`), and wheels feel little of it."""
+
 MOST_REPORTS = 3
 """Of one obstacle in one pass: before it, after it, and at the end of a drive that ends beside it."""
 
@@ -119,7 +123,7 @@ def known_tracks(
 
 def is_to_be_told(due: Due, measured: DetectedObstacle) -> bool:
     """Whether a measurement is of an obstacle for others, and says something that was not told in this pass."""
-    if is_measured_as_post(due.track, measured):
+    if why_untold(due.track, measured) is not None:
         return False
     told = due.track.told
     if told is None:
@@ -127,9 +131,14 @@ def is_to_be_told(due: Due, measured: DetectedObstacle) -> bool:
     return has_changed(told, measured)
 
 
-def is_measured_as_post(track: Track, measured: DetectedObstacle) -> bool:
-    """Whether what was measured is a post beside the lane."""
-    return is_post(measured.kind, track.beside_m, measured.length_m, measured.width_m, measured.relief_m)
+def why_untold(track: Track, measured: DetectedObstacle) -> str | None:
+    """In a word why nobody is told of what was measured, None of an obstacle: a post beside the lane; flat; doubtful,
+    since the searches seldom found it, or the car began its drive beyond it and never came towards it."""
+    if is_post(measured.kind, track.beside_m, measured.length_m, measured.width_m, measured.relief_m):
+        return "post"
+    if measured.relief_m < LEAST_RELIEF_M:
+        return "flat"
+    return "doubtful" if track.is_doubtful or not measured.view_front else None
 
 
 def has_changed(told: DetectedObstacle, measured: DetectedObstacle) -> bool:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from vehicle_client.alerts import Alerts, Stage
 from vehicle_client.drive import Measured, Step
-from vehicle_client.moments import Moment, is_measured_as_post
+from vehicle_client.moments import Moment, why_untold
 
 LATEST_MS = 10_000
 """Whoever hears of an obstacle later has passed it; later counts as this."""
@@ -62,8 +62,8 @@ class Totals:
     moving: int = 0
     """Of those, what moved: never reported."""
     measured: Counter[str] = field(default_factory=Counter)
-    """Obstacles that were measured after they were passed (or at the end), by kind; posts beside the lane, which nobody
-    is told of, by that name."""
+    """Obstacles that were measured after they were passed (or at the end), by kind; those that nobody is told of by the
+    reason (`moments.why_untold`)."""
     reports: int = 0
     reported: int = 0
     """Detections in reports."""
@@ -135,4 +135,4 @@ class Totals:
 
 def _kind(measured: Measured) -> str:
     track = measured.due.track
-    return "post" if is_measured_as_post(track, measured.obstacle) else track.kind.value
+    return why_untold(track, measured.obstacle) or track.kind.value

@@ -13,6 +13,7 @@ from headsup.evaluate.real_command import real
 from headsup.evaluate.records_command import records
 from headsup.evaluate.table1_command import table1
 from headsup.evaluate.table2_command import table2
+from headsup.evaluate.told_command import told
 from headsup.evaluate.volume_command import volume
 
 evaluate_app = typer.Typer(
@@ -37,5 +38,6 @@ evaluate_app.command("passes")(passes)
 evaluate_app.command("lidar")(lidar)
 evaluate_app.command("carved")(carved)
 evaluate_app.command("real")(real)
+evaluate_app.command("told")(told)
 evaluate_app.command("pose")(pose)
 evaluate_app.command("records")(records)

@@ -18,6 +18,7 @@ from vehicle_client.moments import (
     GIVEN_UP_M,
     GOOD_LN_AREA_SD,
     KNOWN_M,
+    LEAST_RELIEF_M,
     MOST_REPORTS,
     PASSED_M,
     Due,
@@ -27,6 +28,7 @@ from vehicle_client.moments import (
     has_changed,
     is_to_be_told,
     known_tracks,
+    why_untold,
 )
 from vehicle_client.tracking import Track
 
@@ -100,6 +102,30 @@ def test_a_bollard_beside_the_lane_is_told_to_nobody_and_in_the_lane_it_is(size_
 def test_what_lies_in_the_neighbouring_lane_is_told(lying: DetectedObstacle) -> None:
     neighbour = replace(track_at(5, 3.5, kind=lying.kind), beside_m=3.5)
     assert is_to_be_told(Due(neighbour, Moment.PASSED), lying)
+
+
+@pytest.mark.parametrize("moment", list(Moment))
+def test_what_a_pass_shows_to_be_flat_is_told_to_nobody(moment: Moment) -> None:
+    """Texture of a recorded road, of which single sweeps made a bump of 4 cm."""
+    flat, low = (thing(2.7, 0.7, height_m, ObstacleKind.BUMP) for height_m in (0.027, LEAST_RELIEF_M))
+    bump = track_at(5, 0, kind=ObstacleKind.BUMP)
+    assert why_untold(bump, flat) == "flat"
+    assert not is_to_be_told(Due(bump, moment), flat)
+    assert is_to_be_told(Due(bump, moment), low)
+
+
+def test_what_the_searches_seldom_found_is_told_to_nobody() -> None:
+    often, seldom = track_at(-13, 0), replace(track_at(-13, 0), looks=29)
+    assert why_untold(often, seen()) is None
+    assert why_untold(seldom, seen()) == "doubtful"
+    assert not is_to_be_told(Due(seldom, Moment.PASSED), seen())
+
+
+def test_what_a_drive_begins_beyond_is_told_to_nobody() -> None:
+    """Behind the car rings lie far apart, and nothing was ever seen nearer."""
+    behind = replace(seen(), view_front=False)
+    assert why_untold(track_at(-13, 0), behind) == "doubtful"
+    assert not is_to_be_told(Due(track_at(-13, 0), Moment.PASSED), behind)
 
 
 def test_tracks_are_due_once_they_are_believed_and_near_or_passed() -> None:

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from detector.types import DetectedObstacle, ObstacleKind
 from tests.unit.vehicle_client.making import planar, seen
 from vehicle_client.frames import apply, inverse
-from vehicle_client.tracking import CONFIRMED_AFTER, FORGET_M, GATE_M, Tracks, update
+from vehicle_client.tracking import CONFIRMED_AFTER, FORGET_M, GATE_M, LEAST_SHARE, LOOKED_FROM_M, Tracks, update
 
 POTHOLE, BUMP, DEBRIS = ObstacleKind
 
@@ -173,3 +173,34 @@ def test_a_detection_joins_within_the_gate_only(apart_m: float) -> None:
 def test_a_second_hole_two_metres_on_is_its_own_also_when_it_is_seen_later() -> None:
     tracks = update(Tracks(), [seen(10, 0)], np.eye(4), 0.0)
     assert len(update(tracks, [seen(12, 0)], np.eye(4), 0.1).tracks) == 2
+
+
+def passed(found_at_m: Sequence[float], place_m: float = 30.0, end_m: float = 60.0) -> Tracks:
+    """Tracks after a drive along x past a hole, a metre a search, that was found only from those places."""
+    tracks = Tracks()
+    for x_m in np.arange(0.0, end_m):
+        detected = [seen(place_m - x_m, 0.0, POTHOLE)] if x_m in found_at_m else []
+        tracks = update(tracks, detected, planar(x_m, 0.0, 0.0), x_m / 10)
+    return tracks
+
+
+@given(st.sets(st.integers(0, 45), min_size=1, max_size=46))
+def test_a_track_counts_the_searches_from_near_it_whether_they_found_it_or_not(found_at_m: set[int]) -> None:
+    (track,) = passed([float(x_m) for x_m in found_at_m]).tracks
+    assert track.looks == 2 * LOOKED_FROM_M + 1
+    assert track.sightings == len(found_at_m)
+    assert track.is_doubtful == (len(found_at_m) < LEAST_SHARE * track.looks)
+
+
+def test_what_is_found_by_chance_now_and_then_is_believed_and_doubtful_and_what_is_found_often_is_not() -> None:
+    (by_chance,) = passed([28.0, 33.0, 34.0]).tracks
+    assert by_chance.confirmed
+    assert by_chance.is_doubtful
+    (there,) = passed([22.0, 25.0, 34.0, 35.0]).tracks
+    assert not there.is_doubtful
+
+
+def test_searches_are_forgotten_with_the_road_behind() -> None:
+    tracks = passed([20.0], end_m=1000.0)
+    assert len(tracks.searched_from_m) <= FORGET_M + 1
+    assert not tracks.tracks
