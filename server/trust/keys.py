@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import hashlib
 import hmac
 import secrets
@@ -75,6 +76,7 @@ class Keys:
         self._owners = KeyOwners(database)
         self._remembered: dict[str | None, _Remembered] = {}
         self._some_exist = bootstrap is not None
+        self._asked: asyncio.Task[bool] | None = None
         self._bootstrap_sha256 = None if bootstrap is None else _sha256(bootstrap.get_secret_value())
 
     def remembered(self, authorization: str | None) -> Caller | None:
@@ -109,9 +111,10 @@ class Keys:
     async def exist(self) -> bool:
         """Whether any key was ever made; from then on nobody is served without one."""
         if not self._some_exist:
-            async with self._database.read() as connection:
-                # No key is ever deleted.
-                self._some_exist = (await connection.execute(select(api_key.c.id).limit(1))).first() is not None
+            # All who wait for the answer share it: hundreds of requests may come at once.
+            if self._asked is None or self._asked.done():
+                self._asked = asyncio.create_task(self._any_in_database())
+            self._some_exist = await asyncio.shield(self._asked)
         return self._some_exist
 
     async def create(self, role: Role, name: str) -> str:
@@ -134,6 +137,11 @@ class Keys:
         async with self._database.write() as connection:
             result = await connection.execute(update(api_key).where(valid).values(revoked_at=_now()))
         return result.rowcount > 0
+
+    async def _any_in_database(self) -> bool:
+        async with self._database.read() as connection:
+            # No key is ever deleted.
+            return (await connection.execute(select(api_key.c.id).limit(1))).first() is not None
 
     async def _anonymous(self) -> Caller:
         if await self.exist():

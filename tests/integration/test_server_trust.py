@@ -15,7 +15,7 @@ from pydantic import SecretStr
 from contract.observation import MAX_BODY_BYTES, ObservationBatch, ObservationReport
 from server.settings import Settings
 from server.trust.key_owners import KeyOwners
-from server.trust.keys import Role
+from server.trust.keys import Keys, Role
 from server.web import readiness
 from tests.integration.asking import AROUND_PATRAS, JSON, ago
 from tests.integration.conftest import OPERATOR_KEY
@@ -124,6 +124,30 @@ async def test_many_unknown_keys_at_once_share_statements_and_leave_the_database
     assert Counter(answer.status_code for answer in answers[:-1]) == {401: 3, 429: 197}
     assert sum(statements) == 201
     assert len(statements) <= 3
+
+
+async def test_many_requests_at_once_share_the_question_whether_there_are_keys(
+    limited: Settings, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked: list[Keys] = []
+    asks = Keys._any_in_database
+
+    async def counted(keys: Keys) -> bool:
+        asked.append(keys)
+        await asyncio.sleep(0.01)
+        return await asks(keys)
+
+    monkeypatch.setattr(Keys, "_any_in_database", counted)
+    async with opened(limited.model_copy(update={"bootstrap_operator_key": None})) as app, client_of(app) as client:
+        asked.clear()
+        answers = await asyncio.gather(*(client.get("/v1/obstacles/x") for _ in range(100)))
+        assert {answer.status_code for answer in answers} == {422}
+        assert len(asked) == 1
+        await app.state.parts.keys.create(Role.READER, "the first one")
+        app.state.parts.keys._remembered.clear()
+        refused = await asyncio.gather(*(client.get("/v1/obstacles/x") for _ in range(100)))
+        assert {answer.status_code for answer in refused} <= {401, 429}
+        assert len(asked) == 2
 
 
 async def test_addresses_of_one_ipv6_network_are_one(limited: Settings) -> None:
