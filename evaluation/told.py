@@ -8,12 +8,13 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
+from contract.geometry import LatLon
 from detector.errors import DetectorError
 from detector.pipeline import detect
 from detector.types import DetectedObstacle, FrameDetection
@@ -21,15 +22,13 @@ from evaluation.lidar import in_place
 from evaluation.lidar_course import Course, Moment, course, drive, in_sensor, presets
 from simulator.streets.street import Roughness
 from vehicle_client.drive import Measured, Step, Vehicle, detector_input
-from vehicle_client.frames import inverse, rigid
+from vehicle_client.frames import GeoOrigin, inverse, rigid, yaw_of
 from vehicle_client.link.nobody import NobodyLink
-from vehicle_client.moments import Moment as Due
-from vehicle_client.moments import why_untold
 from vehicle_client.sensing.calibration import WHEELBASE_M, VehicleCalibration
 from vehicle_client.sensing.calibration_file import CarCalibration
 from vehicle_client.sensing.height_estimate import TRIED_FRAMES, estimated_height_m
 from vehicle_client.sensing.preparation import Preparation
-from vehicle_client.sources.frame import LidarFrame
+from vehicle_client.sources.frame import GnssFix, LidarFrame
 from vehicle_client.sources.opening import SourceOptions, open_source
 
 DROPPED = (0.0, 0.1, 0.3)
@@ -45,38 +44,46 @@ LEAST_SWEEPS = 30
 """A recorded drive begins no later than so many sweeps before its end: something is to be passed yet."""
 
 
+ORIGIN = GeoOrigin(LatLon(latitude_deg=49.0, longitude_deg=8.4), 115.0)
+"""Where `odom` begins: satellites have no part in what is found, but without a place nothing is told."""
+
+
 class Drive:
-    """A car that tells nobody, and what it would have told."""
+    """A car that tells nobody, and what it would have told; satellites tell it where its odometry has it."""
 
     def __init__(self, calibration: VehicleCalibration) -> None:
         self._vehicle = Vehicle(calibration, NobodyLink(), pseudonym="nobody")
         self._last: Step | None = None
-        self._told: list[DetectedObstacle] = []
+        self._told: dict[int, DetectedObstacle] = {}
 
     def take(self, frame: LidarFrame, detection: FrameDetection) -> None:
         """The next sweep that is not dropped, and what `detect` finds in it."""
-        self._last = self._vehicle.step(frame, detection)
+        self._last = self._vehicle.step(replace(frame, gnss=_fix(frame.odom_from_vehicle)), detection)
         self._add(self._last.measured)
 
     def end(self) -> list[DetectedObstacle]:
-        """What it would have told, in `odom`, each obstacle as it was measured after it was passed."""
+        """What it would have told, in `odom`, each track as it would have been told last."""
         if self._last is not None:
             self._add(self._vehicle.finish(self._last).measured)
-        return self._told
+        return list(self._told.values())
 
     def _add(self, measured: Sequence[Measured]) -> None:
-        self._told += [
-            m.obstacle
-            for m in measured
-            if m.due.moment is not Due.APPROACH and why_untold(m.due.track, m.obstacle) is None
-        ]
+        self._told |= {m.due.track.track_id: m.obstacle for m in measured if m.is_told}
+
+
+def _fix(odom_from_vehicle: NDArray[np.float64] | None) -> GnssFix | None:
+    if odom_from_vehicle is None:
+        return None
+    position, altitude_m = ORIGIN.geodetic(odom_from_vehicle[:3, 3])
+    heading_rad = math.pi / 2 - yaw_of(odom_from_vehicle)
+    return GnssFix(position, altitude_m, heading_rad, sd_m=0.5, altitude_sd_m=1.0)
 
 
 def dropped(rng: np.random.Generator, sweeps: int, share: float) -> NDArray[np.bool_]:
-    """Which of the sweeps (N,) are dropped: about a share, in bursts."""
+    """Which of the sweeps (N,) are dropped: at least a share, in bursts."""
     gone = np.zeros(sweeps, dtype=np.bool_)
-    mean_burst = (1 + LONGEST_BURST) / 2
-    for first in np.flatnonzero(rng.random(sweeps) < share / mean_burst):
+    while gone.sum() < share * sweeps:
+        first = int(rng.integers(sweeps))
         gone[first : first + int(rng.integers(1, LONGEST_BURST + 1))] = True
     return gone
 
@@ -115,7 +122,7 @@ def _score(
     rng: np.random.Generator,
 ) -> None:
     height_m = float(moments[0].sweep.sensor_height_m or 0.0)
-    calibration = VehicleCalibration(rigid(np.eye(3), np.array([0.0, 0.0, height_m])), sensor)
+    calibration = VehicleCalibration(rigid(np.eye(3), np.array([0.0, 0.0, height_m])), "simulated")
     gone = {share: dropped(rng, len(moments), share) for share in DROPPED}
     cars = {share: Drive(calibration) for share in DROPPED}
     for number, moment in enumerate(moments):

@@ -198,8 +198,10 @@ class Vehicle:
         if self._accumulator is before or 0 <= stamp_s - self._together_s < TOGETHER_EVERY_S:
             return detection.obstacles
         self._together_s = stamp_s
-        has_road = detection.corridor is not None
-        found = detect_over_frames(self._accumulator, sweep, detection) if has_road else ()
+        if detection.corridor is None:
+            # Where there is no road in sight, nothing is searched.
+            return ()
+        found = detect_over_frames(self._accumulator, sweep, detection)
         self._tracks = tracking.update(self._tracks, found, sweep.odom_from_sensor, stamp_s)
         return found
 

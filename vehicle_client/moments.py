@@ -133,12 +133,14 @@ def is_to_be_told(due: Due, measured: DetectedObstacle) -> bool:
 
 def why_untold(track: Track, measured: DetectedObstacle) -> str | None:
     """In a word why nobody is told of what was measured, None of an obstacle: a post beside the lane; flat; doubtful,
-    since the searches seldom found it, or the car began its drive beyond it and never came towards it."""
+    since the searches seldom found it; behind, since the drive began beyond it, where rings lie far apart."""
     if is_post(measured.kind, track.beside_m, measured.length_m, measured.width_m, measured.relief_m):
         return "post"
     if measured.relief_m < LEAST_RELIEF_M:
         return "flat"
-    return "doubtful" if track.is_doubtful or not measured.view_front else None
+    if track.is_doubtful:
+        return "doubtful"
+    return None if track.was_ahead else "behind"
 
 
 def has_changed(told: DetectedObstacle, measured: DetectedObstacle) -> bool:

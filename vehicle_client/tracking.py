@@ -25,12 +25,13 @@ AVERAGED = 3
 """Centres that are averaged at either end before they are compared."""
 
 LOOKED_FROM_M = 10.0
-"""Nearer than this a LiDAR's rings lie close enough to show a hole whenever nothing hides it."""
+"""Nearer than this a LiDAR's rings lie close enough to show a hole when nothing hides it."""
 
-LEAST_SHARE = 1 / 6
-"""Of the searches from near that place, at least so many find what is there. On simulated streets the smallest holes
-(35 cm x 30 cm, 5 cm deep), at 50 km/h and with a third of the sweeps dropped, are found by 0.2 and more; on a recorded
-drive along a sound road what three sightings made believed was found by 0.08 to 0.11 (`headsup evaluate told`)."""
+LEAST_SHARE, SURE_AFTER = 1 / 6, 5
+"""Fewer than a handful of sightings do for no more searches from near the place than this. On simulated streets, at
+50 km/h, the smallest holes (35 cm x 30 cm, 5 cm deep) are found by a fifth of them and more, at walking pace also by
+fewer, but often; on a recorded drive along a sound road what three sightings made believed was found by 0.08 to 0.15 of
+them (`headsup evaluate told`)."""
 
 FORGET_M = 40.0
 """Tracks this far behind the car are dropped: nothing there is measured any more."""
@@ -58,6 +59,8 @@ class Track:
     last_stamp_s: float
     looks: int
     """Searches from within `LOOKED_FROM_M` of it, whether they found it or not, also before they first did."""
+    was_ahead: bool
+    """Whether it lay ahead of the sensor in any search, whether that found it or not."""
     first_m: tuple[Vector, ...]
     """The first centres (2,), as they were detected."""
     latest_m: tuple[Vector, ...]
@@ -87,8 +90,8 @@ class Track:
 
     @property
     def is_doubtful(self) -> bool:
-        """Whether most of the searches that would have found it did not."""
-        return self.sightings < LEAST_SHARE * self.looks
+        """Whether it was seen a few times only, in too small a share of the searches from near it."""
+        return self.sightings < min(SURE_AFTER, LEAST_SHARE * self.looks)
 
     @property
     def is_post(self) -> bool:
@@ -105,13 +108,20 @@ class Track:
 
 
 @dataclass(frozen=True, slots=True)
+class Search:
+    """From where in `odom` the road was searched: the sensor's place (2,), and its forward axis (2,)."""
+
+    place_m: Vector
+    forward: Vector
+
+
+@dataclass(frozen=True, slots=True)
 class Tracks:
-    """All tracks of a drive near the car, the number the next one gets, and from where the road was searched."""
+    """All tracks of a drive near the car, the number the next one gets, and the searches of the last `FORGET_M`."""
 
     tracks: tuple[Track, ...] = ()
     next_id: int = 1
-    searched_from_m: tuple[Vector, ...] = ()
-    """Places (2,) of the sensor, of the last `FORGET_M`."""
+    searches: tuple[Search, ...] = ()
 
     def with_track(self, track: Track) -> Tracks:
         """The same tracks, with one in a new value."""
@@ -120,10 +130,10 @@ class Tracks:
 
 def update(state: Tracks, detected: Sequence[DetectedObstacle], odom_from_sensor: Matrix, stamp_s: float) -> Tracks:
     """Join the detections of one frame (in `sensor`) to the nearest tracks of the same sign, one to one."""
-    here_m = odom_from_sensor[:2, 3].copy()
-    near = tuple(place for place in state.searched_from_m if np.linalg.norm(place - here_m) < FORGET_M)
-    searched_from_m = (*near, here_m)[-MOST_SEARCHES:]
-    tracks = {track.track_id: _passed_by(_looked_at(track, here_m), odom_from_sensor) for track in state.tracks}
+    here = Search(odom_from_sensor[:2, 3].copy(), odom_from_sensor[:2, 0].copy())
+    near = [search for search in state.searches if np.linalg.norm(search.place_m - here.place_m) < FORGET_M]
+    searches = (*near, here)[-MOST_SEARCHES:]
+    tracks = {track.track_id: _passed_by(_looked_at(track, here), odom_from_sensor) for track in state.tracks}
     next_id = state.next_id
     centres = [apply(odom_from_sensor, obstacle.centre_m) for obstacle in detected]
     free, waiting = set(range(len(detected))), set(tracks)
@@ -134,12 +144,12 @@ def update(state: Tracks, detected: Sequence[DetectedObstacle], odom_from_sensor
             waiting.remove(track_id)
     for index in sorted(free):
         begun = _begun(next_id, detected[index], centres[index], odom_from_sensor, stamp_s)
-        for place in searched_from_m:
-            begun = _looked_at(begun, place)
+        for search in searches:
+            begun = _looked_at(begun, search)
         tracks[next_id] = begun
         next_id += 1
     kept = tuple(t for t in tracks.values() if _ahead_m(t.centre_odom_m, odom_from_sensor) > -FORGET_M)
-    return Tracks(kept, next_id, searched_from_m)
+    return Tracks(kept, next_id, searches)
 
 
 def _pairs(
@@ -172,6 +182,7 @@ def _begun(
         first_range_m=float(np.hypot(obstacle.centre_m[0], obstacle.centre_m[1])),
         last_stamp_s=stamp_s,
         looks=0,
+        was_ahead=False,
         first_m=(centre[:2],),
         latest_m=(centre[:2],),
         beside_m=abs(float(obstacle.centre_m[1])),
@@ -198,11 +209,11 @@ def _joined(
     )
 
 
-def _looked_at(track: Track, from_m: Vector) -> Track:
-    """The track after a search from a place (2,)."""
-    if float(np.linalg.norm(track.centre_odom_m[:2] - from_m)) > LOOKED_FROM_M:
-        return track
-    return replace(track, looks=track.looks + 1)
+def _looked_at(track: Track, search: Search) -> Track:
+    """The track after a search."""
+    away_m = track.centre_odom_m[:2] - search.place_m
+    is_near, is_ahead = float(np.linalg.norm(away_m)) <= LOOKED_FROM_M, float(away_m @ search.forward) >= 0
+    return replace(track, looks=track.looks + is_near, was_ahead=track.was_ahead or is_ahead)
 
 
 def _passed_by(track: Track, odom_from_sensor: Matrix) -> Track:

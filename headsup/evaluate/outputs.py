@@ -9,4 +9,4 @@ def make_ready(file: Path | None) -> None:
     """Make a file that can be written, and its folder; OSError if that cannot be. Nothing is asked for with None."""
     if file is not None:
         file.parent.mkdir(parents=True, exist_ok=True)
-        file.touch()
+        file.open("a").close()

@@ -20,7 +20,9 @@ def told(
     data: Annotated[
         Path | None,
         typer.Option(
-            "--data", envvar="HEADSUP_DATA", help="Folder with kitti_drive/*.laz, a sound road; without it: no such."
+            "--data",
+            envvar="HEADSUP_DATA",
+            help="Folder with kitti_drive/*.laz, a sound road; without it only streets.",
         ),
     ] = None,
     worlds: Annotated[int, typer.Option("--worlds", min=0, max=8, help="Streets to drive along, of eight.")] = 6,
@@ -51,18 +53,22 @@ def told(
     from evaluation.told import SENSORS, recorded, simulated, sweeps_and_car
     from vehicle_client.sources.frame import SourceError
 
+    if not worlds and data is None:
+        typer.secho("headsup evaluate told: nothing to drive along: give --data, or streets", err=True, fg="red")
+        raise typer.Exit(1)
     console = Console(stderr=True)
     scores: Scores = {}
     drives: list[RecordedDrive] = []
     try:
         make_ready(json_file)
+        # First what can be missing.
+        recording = None if data is None else sweeps_and_car(data / "kitti_drive")
         for scores in track(  # noqa: B007  # the last ones count
             simulated(TEST_SEEDS[:worlds]), "streets", worlds * len(SENSORS), console=console, transient=True
         ):
             pass
-        if data is not None:
-            frames, car = sweeps_and_car(data / "kitti_drive")
-            along = recorded(frames, car, range(starts), share)
+        if recording is not None:
+            along = recorded(*recording, range(starts), share)
             drives = list(track(along, "recording", starts, console=console, transient=True))
     except (OSError, SourceError, DetectorError) as error:
         typer.secho(f"headsup evaluate told: {error}", err=True, fg=typer.colors.RED)

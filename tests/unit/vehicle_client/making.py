@@ -161,6 +161,7 @@ def track_at(
         first_range_m=20.0,
         last_stamp_s=1.0,
         looks=sightings,
+        was_ahead=True,
         first_m=(np.array([x_m - moved_m, y_m]),),
         latest_m=(np.array([x_m, y_m]),),
     )

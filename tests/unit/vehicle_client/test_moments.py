@@ -121,11 +121,13 @@ def test_what_the_searches_seldom_found_is_told_to_nobody() -> None:
     assert not is_to_be_told(Due(seldom, Moment.PASSED), seen())
 
 
-def test_what_a_drive_begins_beyond_is_told_to_nobody() -> None:
+def test_what_a_drive_begins_beyond_is_told_to_nobody_and_what_a_sensor_that_looks_back_sees_is() -> None:
     """Behind the car rings lie far apart, and nothing was ever seen nearer."""
-    behind = replace(seen(), view_front=False)
-    assert why_untold(track_at(-13, 0), behind) == "doubtful"
-    assert not is_to_be_told(Due(track_at(-13, 0), Moment.PASSED), behind)
+    beyond, passed = (replace(track_at(-13, 0), was_ahead=was_ahead) for was_ahead in (False, True))
+    from_behind = replace(seen(), view_front=False)
+    assert why_untold(beyond, from_behind) == "behind"
+    assert not is_to_be_told(Due(beyond, Moment.PASSED), from_behind)
+    assert is_to_be_told(Due(passed, Moment.PASSED), from_behind)
 
 
 def test_tracks_are_due_once_they_are_believed_and_near_or_passed() -> None:

@@ -13,7 +13,17 @@ from hypothesis import strategies as st
 from detector.types import DetectedObstacle, ObstacleKind
 from tests.unit.vehicle_client.making import planar, seen
 from vehicle_client.frames import apply, inverse
-from vehicle_client.tracking import CONFIRMED_AFTER, FORGET_M, GATE_M, LEAST_SHARE, LOOKED_FROM_M, Tracks, update
+from vehicle_client.tracking import (
+    CONFIRMED_AFTER,
+    FORGET_M,
+    GATE_M,
+    LEAST_SHARE,
+    LOOKED_FROM_M,
+    MOST_SEARCHES,
+    SURE_AFTER,
+    Tracks,
+    update,
+)
 
 POTHOLE, BUMP, DEBRIS = ObstacleKind
 
@@ -189,7 +199,7 @@ def test_a_track_counts_the_searches_from_near_it_whether_they_found_it_or_not(f
     (track,) = passed([float(x_m) for x_m in found_at_m]).tracks
     assert track.looks == 2 * LOOKED_FROM_M + 1
     assert track.sightings == len(found_at_m)
-    assert track.is_doubtful == (len(found_at_m) < LEAST_SHARE * track.looks)
+    assert track.is_doubtful == (len(found_at_m) < LEAST_SHARE * track.looks and len(found_at_m) < SURE_AFTER)
 
 
 def test_what_is_found_by_chance_now_and_then_is_believed_and_doubtful_and_what_is_found_often_is_not() -> None:
@@ -200,7 +210,30 @@ def test_what_is_found_by_chance_now_and_then_is_believed_and_doubtful_and_what_
     assert not there.is_doubtful
 
 
+def test_what_was_seen_often_stays_believed_however_long_the_car_goes_round_it() -> None:
+    tracks = Tracks()
+    for number, angle_rad in enumerate(np.arange(0.0, 20.0, 0.06)):
+        x_m, y_m = 5 * np.cos(angle_rad), 5 * np.sin(angle_rad)
+        found = [seen(0.0, 5.0, POTHOLE)] if number < SURE_AFTER else []
+        tracks = update(tracks, found, planar(x_m, y_m, angle_rad + np.pi / 2), number / 10)
+    (track,) = tracks.tracks
+    assert track.looks > 300
+    assert not track.is_doubtful
+    assert len(tracks.searches) <= MOST_SEARCHES
+
+
+@pytest.mark.parametrize(("begins_m", "was_ahead"), [(0.0, True), (29.0, True), (31.0, False)])
+def test_a_track_knows_whether_it_ever_lay_ahead_also_if_it_was_only_seen_from_behind_it(
+    begins_m: float, was_ahead: bool
+) -> None:
+    tracks = Tracks()
+    for x_m in np.arange(begins_m, 45.0):
+        detected = [seen(30.0 - x_m, 0.0, POTHOLE)] if x_m > 33.0 else []
+        tracks = update(tracks, detected, planar(x_m, 0.0, 0.0), x_m / 10)
+    assert [track.was_ahead for track in tracks.tracks] == [was_ahead]
+
+
 def test_searches_are_forgotten_with_the_road_behind() -> None:
     tracks = passed([20.0], end_m=1000.0)
-    assert len(tracks.searched_from_m) <= FORGET_M + 1
+    assert len(tracks.searches) <= FORGET_M + 1
     assert not tracks.tracks
