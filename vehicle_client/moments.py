@@ -38,7 +38,7 @@ GOOD_LN_AREA_SD = 0.25
 """An area known worse than by a quarter is not told before the obstacle is passed: it would only be corrected."""
 
 LEAST_RELIEF_M = 0.03
-"""What a whole pass measures as flatter than this is told to nobody: single sweeps take texture, gutters and patches of
+"""What is measured as flatter than this is told to nobody: single sweeps take texture, gutters and patches of
 2 to 2.7 cm for more than they are (`headsup evaluate told`), and wheels feel little of it."""
 
 MOST_REPORTS = 3
