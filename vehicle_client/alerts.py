@@ -19,6 +19,7 @@ from vehicle_client.frames import Vector, apply, inverse
 from vehicle_client.obstacle_map import ObstacleMap, place_in_vehicle, stored_sd_m
 from vehicle_client.positioning.pose import Pose
 from vehicle_client.tracking import Track
+from vehicle_client.way_ahead import along_bend, on_way
 
 
 class Stage(IntEnum):
@@ -75,8 +76,8 @@ OWN_GATE_M = 4.0
 class Hazard:
     """One obstacle ahead, from the server, from the own LiDAR, or from both.
 
-    `centre_vehicle_m` is (3,) in the `vehicle` frame; `yaw_rad` is in the same frame. `distance_m` is along the road,
-    `beside_sd_m` the standard deviation of the place across it.
+    `centre_vehicle_m` is (3,) in the `vehicle` frame; `yaw_rad` is in the same frame. `distance_m` is along the way
+    ahead, `beside_m` from it to the left, `beside_sd_m` the standard deviation of that.
     """
 
     kind: Kind
@@ -87,6 +88,7 @@ class Hazard:
     length_m: float
     width_m: float
     yaw_rad: float
+    beside_m: float
     beside_sd_m: float
     obstacle_id: UUID | None
     track_id: int | None
@@ -138,13 +140,13 @@ def choose(
     chime = False
     for hazard in _not_passed(known, tracks, pose, alignment):
         before = max((previous.stages[k] for k in hazard.keys if k in previous.stages), default=None)
-        on_way = abs(hazard.centre_vehicle_m[1]) < CORRIDOR_M + 2 * hazard.beside_sd_m
-        now = stage_at(hazard.distance_m, pose.speed_mps) if on_way else None
+        is_on_way = abs(hazard.beside_m) < CORRIDOR_M + 2 * hazard.beside_sd_m
+        now = stage_at(hazard.distance_m, pose.speed_mps) if is_on_way else None
         stage = max((s for s in (before, now) if s is not None), default=None)
         if stage is None:
             continue
         stages.update(dict.fromkeys(hazard.keys, stage))
-        if on_way:
+        if is_on_way:
             chime |= stage in CHIMING and stage != before
             hazards.append(replace(hazard, stage=stage))
     hazards.sort(key=lambda h: h.distance_m)
@@ -222,9 +224,20 @@ def _hazard(
     obstacle_id: UUID | None,
     track_id: int | None,
 ) -> Hazard:
-    distance_m = float(centre[0])
+    # The own LiDAR looks no farther than bends hold; what stands outside of one would lie straight ahead.
+    way = on_way(centre, pose.curvature_per_m) if track_id is None else along_bend(centre, pose.curvature_per_m)
     length_m, width_m, yaw_rad = shape
-    arrival_s = distance_m / pose.speed_mps
     return Hazard(
-        kind, Stage.INFO, distance_m, arrival_s, centre, length_m, width_m, yaw_rad, beside_sd_m, obstacle_id, track_id
+        kind,
+        Stage.INFO,
+        distance_m=way.along_m,
+        arrival_s=way.along_m / pose.speed_mps,
+        centre_vehicle_m=centre,
+        length_m=length_m,
+        width_m=width_m,
+        yaw_rad=yaw_rad,
+        beside_m=way.left_m,
+        beside_sd_m=beside_sd_m,
+        obstacle_id=obstacle_id,
+        track_id=track_id,
     )

@@ -15,6 +15,7 @@ from headsup.evaluate.table1_command import table1
 from headsup.evaluate.table2_command import table2
 from headsup.evaluate.told_command import told
 from headsup.evaluate.volume_command import volume
+from headsup.evaluate.warned_command import warned
 
 evaluate_app = typer.Typer(
     help="Make the figures of the tables anew: from real data, and from the simulator's truth.",
@@ -39,5 +40,6 @@ evaluate_app.command("lidar")(lidar)
 evaluate_app.command("carved")(carved)
 evaluate_app.command("real")(real)
 evaluate_app.command("told")(told)
+evaluate_app.command("warned")(warned)
 evaluate_app.command("pose")(pose)
 evaluate_app.command("records")(records)

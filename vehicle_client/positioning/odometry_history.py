@@ -5,6 +5,7 @@ from __future__ import annotations
 import bisect
 import math
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
@@ -21,6 +22,12 @@ IMPOSSIBLE_MPS, LEAST_STEP_S = 100.0, 0.2
 
 MOST_POSES = 256
 """More than 1.5 s of a sensor at 100 Hz."""
+
+LEAST_WAY_M = 1.0
+"""Over less the noise of a yaw is a bend."""
+
+TIGHTEST_PER_M = 1 / 5
+"""No car turns in less than a circle of 10 m."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,6 +60,17 @@ class OdometryHistory:
             return np.zeros(3)
         before, now = self.poses[-2:]
         return (now.place_m - before.place_m) / (now.stamp_s - before.stamp_s)
+
+    @property
+    def curvature_per_m(self) -> float:
+        """Curvature of the way of the last `REMEMBERED_S`, positive to the left; 0 while the car hardly moves."""
+        steps = list(pairwise(self.poses))
+        # Backwards counts as less than nothing: the bend ahead is the same.
+        way_m = sum(float(in_axes_of(one, other.place_m - one.place_m)[0]) for one, other in steps)
+        if abs(way_m) < LEAST_WAY_M:
+            return 0.0
+        turned_rad = sum(turn_between(one, other) for one, other in steps)
+        return max(-TIGHTEST_PER_M, min(turned_rad / way_m, TIGHTEST_PER_M))
 
     def at(self, stamp_s: float) -> PlanarPose | None:
         """The pose at a moment between the first and the last, by straight lines; None outside."""

@@ -65,6 +65,7 @@ class Pose:
     """Place and attitude of the car at `stamp_s`, in the `enu` frame about `origin`, with what is unsure of it.
 
     `covariance_m2` (2, 2) is of east and north, and holds the error that all fixes of the last minutes share.
+    `curvature_per_m` is that of the way here, positive to the left.
     """
 
     stamp_s: float
@@ -75,6 +76,7 @@ class Pose:
     altitude_sd_m: float
     speed_mps: float
     heading_sd_rad: float = MOUNTED_YAW_SD_RAD
+    curvature_per_m: float = 0.0
 
     @property
     def sd_m(self) -> float:
@@ -299,4 +301,5 @@ def _pose(estimate: CarEstimate, history: OdometryHistory, frame: LidarFrame, od
         altitude_sd_m=estimate.height.sd_m,
         speed_mps=speed_mps,
         heading_sd_rad=math.hypot(math.sqrt(float(covariance[YAW, YAW])), MOUNTED_YAW_SD_RAD),
+        curvature_per_m=history.curvature_per_m,
     )

@@ -257,3 +257,33 @@ def test_of_a_post_beside_the_lane_the_driver_is_warned_only_if_the_server_warns
         assert hazard.kind is Kind.DEBRIS
     (known,) = told(map_of(feature(kind=Kind.DEBRIS, east_m=30, north_m=2)), (post,)).hazards
     assert known.recognised
+
+
+LEFT_BEND = 1 / 100
+
+
+def in_bend(known: ObstacleMap, tracks: tuple[Track, ...] = (), *, curvature_per_m: float = LEFT_BEND) -> Alerts:
+    """What the driver is told at 10 m/s, at the origin and towards east, on a bend to the left."""
+    return choose(Alerts(), known, tracks, replace(pose_at(), curvature_per_m=curvature_per_m), NOON_S)
+
+
+def test_in_a_bend_the_driver_is_warned_of_what_lies_on_it() -> None:
+    # 75 m of a circle of 100 m radius: 68 m ahead and 27 m to the left.
+    along_rad = 0.75
+    known = map_of(feature(east_m=100 * math.sin(along_rad), north_m=100 * (1 - math.cos(along_rad))))
+    alerts = in_bend(known)
+    (hazard,) = alerts.hazards
+    assert (alerts.chime, hazard.stage) == (True, Stage.WARN)
+    assert (hazard.distance_m, hazard.beside_m) == pytest.approx((75.0, 0.0), abs=0.1)
+    assert hazard.arrival_s == pytest.approx(7.5, abs=0.01)
+    assert in_bend(known, curvature_per_m=0.0).hazards == in_bend(known, curvature_per_m=-LEFT_BEND).hazards == ()
+
+
+def test_bends_end_so_that_what_the_server_says_lies_straight_ahead_counts_too() -> None:
+    assert in_bend(map_of(feature(east_m=60))).chime
+
+
+def test_what_the_own_lidar_sees_on_the_outside_of_a_bend_stands_beside_the_way() -> None:
+    on_bend, outside = track_at(25.0, 3.2, 1), track_at(30.0, 0.0, 2)
+    hazards = in_bend(map_of(), (on_bend, outside)).hazards
+    assert [h.track_id for h in hazards] == [1]
