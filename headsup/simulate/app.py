@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import typer
 
+from headsup.simulate.bags_command import bags
 from headsup.simulate.dataset_command import dataset
 from headsup.simulate.drive_command import drive
 from headsup.simulate.pothole_command import pothole
@@ -15,6 +16,7 @@ simulate_app = typer.Typer(
 )
 simulate_app.command("drive")(drive)
 simulate_app.command("dataset")(dataset)
+simulate_app.command("bags")(bags)
 simulate_app.command("pothole")(pothole)
 simulate_app.command("sensors")(sensors)
 simulate_app.command("carla")(record_carla)

@@ -12,15 +12,17 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from typer.testing import CliRunner
 
 from contract.geometry import Kind, LatLon
 from contract.obstacle import ObstacleCollection, ObstacleFeature
 from headsup.cli import app
-from tests.e2e.street_bags import HEIGHT, StreetBags, make_bags
+from headsup.simulate.street_bags import street
 from tests.integration.serving import Served, served
 from vehicle_client.area import distance_m
+from vehicle_client.sources.opening import SourceOptions, open_source
 
 COMMAND = (sys.executable, "-m", "headsup.cli", "drive")
 PATIENCE_S = 240
@@ -50,8 +52,17 @@ def counted(path: Path, *arguments: str | Path) -> dict[str, Any]:
 
 
 @pytest.fixture(scope="module")
-def bags(tmp_path_factory: pytest.TempPathFactory) -> StreetBags:
-    return make_bags(tmp_path_factory.mktemp("bags"))
+def bags(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("tried") / "bags"
+    made = CliRunner().invoke(app, ["simulate", "bags", "--out", str(folder)])
+    assert made.exit_code == 0, made.stderr
+    assert sorted(file.name for file in folder.iterdir()) == ["car.toml", "first", "second"]
+    return folder
+
+
+def of(bags: Path, name: str) -> tuple[str | Path, ...]:
+    """The arguments for a bag."""
+    return (bags / name, "--calibration", bags / "car.toml")
 
 
 @pytest.fixture(scope="module")
@@ -61,9 +72,9 @@ def server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Served]:
 
 
 @pytest.fixture(scope="module")
-def first_drive(bags: StreetBags, server: Served, tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
+def first_drive(bags: Path, server: Served, tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
     folder = tmp_path_factory.mktemp("first")
-    said = (bags.first, *HEIGHT, "--server", server.address, "--as-if-now", "--state", folder)
+    said = (*of(bags, "first"), "--server", server.address, "--as-if-now", "--state", folder)
     return counted(folder / "counts.json", *said)
 
 
@@ -74,15 +85,16 @@ def kept_by(server: Served, middle: LatLon) -> tuple[ObstacleFeature, ...]:
 
 
 def test_a_bag_ends_with_the_street_s_obstacles_at_the_server_and_nothing_else(
-    bags: StreetBags, server: Served, first_drive: dict[str, Any]
+    server: Served, first_drive: dict[str, Any]
 ) -> None:
-    kept = kept_by(server, bags.street.position_of(bags.street.obstacles[1].obstacle_id))
-    true = {placed.obstacle_id: bags.street.position_of(placed.obstacle_id) for placed in bags.street.obstacles}
+    along = street()
+    kept = kept_by(server, along.position_of(along.obstacles[1].obstacle_id))
+    true = {placed.obstacle_id: along.position_of(placed.obstacle_id) for placed in along.obstacles}
     names: list[int] = []
     for feature in kept:
         nearest = min(true, key=lambda i: distance_m(true[i], feature.position))
         assert distance_m(true[nearest], feature.position) < NEAR_M
-        assert feature.properties.kind is bags.street.obstacle(nearest).kind
+        assert feature.properties.kind is along.obstacle(nearest).kind
         names.append(nearest)
     assert sorted(names) == sorted(true)
     assert {feature.properties.kind for feature in kept} == {Kind.POTHOLE, Kind.BUMP, Kind.DEBRIS}
@@ -93,20 +105,36 @@ def test_a_bag_ends_with_the_street_s_obstacles_at_the_server_and_nothing_else(
 
 
 def test_the_next_car_is_warned_before_its_own_lidar_sees_anything(
-    bags: StreetBags, server: Served, first_drive: dict[str, Any], tmp_path: Path
+    bags: Path, server: Served, first_drive: dict[str, Any], tmp_path: Path
 ) -> None:
     assert first_drive["reports"]
-    arguments = (bags.next, *HEIGHT, "--server", server.address, "--as-if-now", "--state", tmp_path)
+    arguments = (*of(bags, "second"), "--server", server.address, "--as-if-now", "--state", tmp_path)
     said = counted(tmp_path / "counts.json", *arguments)
     assert (said["detections"], said["tracks"], said["reports"]) == (0, 0, 0)
-    assert said["warned"] >= 1
+    assert said["warned"] == len(street().obstacles)
+
+
+def test_bags_are_written_to_a_new_folder_only_and_are_the_same_every_time(bags: Path, tmp_path: Path) -> None:
+    (tmp_path / "mine.txt").touch()
+    refused = CliRunner().invoke(app, ["simulate", "bags", "--out", str(tmp_path)])
+    assert (refused.exit_code, refused.stderr) == (
+        1,
+        f"headsup simulate bags: {tmp_path}: is not empty; give a new or empty folder\n",
+    )
+    again = tmp_path / "again"
+    assert CliRunner().invoke(app, ["simulate", "bags", "--out", str(again)]).exit_code == 0
+    for one, other in zip(
+        *(open_source(str(folder / "second"), SourceOptions()) for folder in (bags, again)), strict=True
+    ):
+        assert (one.stamp_s, one.gnss) == (other.stamp_s, other.gnss)
+        assert np.array_equal(one.points_m, other.points_m)
 
 
 def test_a_drive_that_is_told_to_end_ends_in_order_with_its_recording_and_its_counts(
-    bags: StreetBags, tmp_path: Path
+    bags: Path, tmp_path: Path
 ) -> None:
     recording, counts = tmp_path / "drive.mcap", tmp_path / "counts.json"
-    arguments = (bags.first, *HEIGHT, "--realtime", "--record", recording, "--json", counts)
+    arguments = (*of(bags, "first"), "--realtime", "--record", recording, "--json", counts)
     with subprocess.Popen([*COMMAND, *map(str, arguments)], stdout=subprocess.PIPE, stderr=subprocess.PIPE) as process:
         begun = tmp_path / "drive.mcap.part"
         deadline_s = time.monotonic() + PATIENCE_S
@@ -134,9 +162,9 @@ def test_a_drive_that_is_told_to_end_ends_in_order_with_its_recording_and_its_co
     ],
 )
 def test_what_cannot_be_driven_is_one_line_and_exit_code_1(
-    bags: StreetBags, arguments: tuple[str, ...], message: str
+    bags: Path, arguments: tuple[str, ...], message: str
 ) -> None:
-    done = CliRunner().invoke(app, ["drive", *(argument.format(bag=bags.next) for argument in arguments)])
+    done = CliRunner().invoke(app, ["drive", *(argument.format(bag=bags / "second") for argument in arguments)])
     assert done.exit_code == 1
     assert done.stdout == ""
     assert done.stderr.startswith(f"headsup drive: {message}")

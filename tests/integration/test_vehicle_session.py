@@ -17,8 +17,8 @@ from typer.testing import CliRunner
 from detector.types import FrameDetection
 from headsup.cli import app
 from headsup.driving import Asked, Outcome, run
-from tests.e2e.street_bags import StreetBags, make_bags
 from tests.integration.serving import served
+from tests.integration.street_bags import StreetBags, make_bags
 from tests.unit.vehicle_client.test_drive import CALIBRATION, HeldLink, flat_road, frame_at
 from vehicle_client.drive import Step, Vehicle
 from vehicle_client.faults import MOST_IN_A_ROW

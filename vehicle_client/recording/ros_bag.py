@@ -1,7 +1,8 @@
-"""A ROS 2 bag as a car records it, from the frames of any source."""
+"""A ROS 2 bag (SQLite, format version 8) as a car records it, from the frames of any source."""
 
 from __future__ import annotations
 
+import errno
 import math
 from collections.abc import Iterable
 from pathlib import Path
@@ -18,12 +19,19 @@ from vehicle_client.sources.frame import GnssFix, LidarFrame
 POINT = np.dtype([("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("time", "<f4"), ("ring", "<u2"), ("none", "<u2")])
 DATATYPES = {"<f4": 7, "<u2": 4}
 HEADING_SD_RAD = math.radians(0.3)
+"""What is stated of a heading: antennas 2 m apart, or a good inertial unit."""
 
 STORE = get_typestore(Stores.ROS2_HUMBLE)
 
 
 def write_bag(folder: Path, frames: Iterable[LidarFrame]) -> Path:
-    """Sweeps, fixes with the heading of an inertial unit, and odometry, each under its usual name."""
+    """Write `/lidar/points`, `/gnss/fix`, `/imu/data` with the fix's heading, and `/odom` to a new folder.
+
+    Points have x, y, z, ring and time (seconds from the frame's stamp). Pictures, steering and earlier fixes of a frame
+    stay behind. `FileExistsError` if the folder is there.
+    """
+    if folder.exists():
+        raise FileExistsError(errno.EEXIST, "is there already; give a new name", str(folder))
     with rosbags.rosbag2.Writer(folder, version=8) as writer:
         connections: dict[str, Any] = {}
         for frame in frames:
