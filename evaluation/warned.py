@@ -25,6 +25,7 @@ from vehicle_client.obstacle_map import KnownObstacle, ObstacleMap
 from vehicle_client.positioning.odometry import Given, Tracker, Wheels
 from vehicle_client.positioning.pose import Pose, PoseFilter, update
 from vehicle_client.sensing.calibration import WHEELBASE_M
+from vehicle_client.way_ahead import Bend
 
 FloatArray = NDArray[np.float64]
 
@@ -57,7 +58,7 @@ def as_driven(pose: Pose) -> Pose:
 
 def straight_ahead(pose: Pose) -> Pose:
     """Without the bend: a strip straight ahead, which most warners take."""
-    return replace(pose, curvature_per_m=0.0)
+    return replace(pose, bend=Bend())
 
 
 @dataclass(frozen=True, slots=True)

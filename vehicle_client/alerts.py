@@ -224,8 +224,12 @@ def _hazard(
     obstacle_id: UUID | None,
     track_id: int | None,
 ) -> Hazard:
-    # The own LiDAR looks no farther than bends hold; what stands outside of one would lie straight ahead.
-    way = on_way(centre, pose.curvature_per_m) if track_id is None else along_bend(centre, pose.curvature_per_m)
+    if obstacle_id is None:
+        # The own LiDAR looks no farther than bends hold; what stands outside of one would lie straight ahead.
+        way = along_bend(centre, pose.bend.curvature_per_m)
+    else:
+        way = on_way(centre, pose.bend.curvature_per_m)
+    beside_sd_m = math.hypot(beside_sd_m, pose.bend.beside_sd_m(way.along_m))
     length_m, width_m, yaw_rad = shape
     return Hazard(
         kind,

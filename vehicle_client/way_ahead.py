@@ -12,8 +12,25 @@ BEND_RAD = math.radians(45)
 junction would else be warned, quarter circle for quarter circle, of all that lies around it. Between 30 and 60 degrees
 it makes no difference on the loops of `headsup evaluate warned`."""
 
+CHANGES_WITHIN_M = 30.0
+"""As long as a street takes to go over into a bend. Of a change that is under way nothing is known for farther on."""
+
+LANE_M = 3.5
+"""At a corner that a car takes within a second, all streets around would else be ahead."""
+
 STRAIGHT_PER_M = 1e-6
 """A bend of 1,000 km."""
+
+
+class Bend(NamedTuple):
+    """Curvature of the way here (1/m, positive to the left), and the standard deviation of what it is ahead."""
+
+    curvature_per_m: float = 0.0
+    sd_per_m: float = 0.0
+
+    def beside_sd_m(self, along_m: float) -> float:
+        """How unsure that makes where the way is, across it, so far ahead; at most a lane."""
+        return min(self.sd_per_m * min(along_m, CHANGES_WITHIN_M) ** 2 / 2, LANE_M)
 
 
 class OnWay(NamedTuple):

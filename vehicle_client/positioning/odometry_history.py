@@ -10,6 +10,7 @@ from itertools import pairwise
 import numpy as np
 
 from vehicle_client.frames import Matrix, Vector, yaw_of
+from vehicle_client.way_ahead import Bend
 
 REMEMBERED_S = 1.5
 """Receivers and serial lines deliver within a second; what is older comes from a clock that is off."""
@@ -22,6 +23,9 @@ IMPOSSIBLE_MPS, LEAST_STEP_S = 100.0, 0.2
 
 MOST_POSES = 256
 """More than 1.5 s of a sensor at 100 Hz."""
+
+BEND_S = 0.5
+"""Sweeps enough that a yaw's noise of 0.1 degrees is no bend, and half a second before the car is out of one."""
 
 LEAST_WAY_M = 1.0
 """Over less the noise of a yaw is a bend."""
@@ -62,9 +66,15 @@ class OdometryHistory:
         return (now.place_m - before.place_m) / (now.stamp_s - before.stamp_s)
 
     @property
-    def curvature_per_m(self) -> float:
-        """Curvature of the way of the last `REMEMBERED_S`, positive to the left; 0 while the car hardly moves."""
-        steps = list(pairwise(self.poses))
+    def bend(self) -> Bend:
+        """Of the last `BEND_S`; what it was over all that is remembered tells how fast it changes."""
+        now = self._curvature_per_m(BEND_S)
+        return Bend(now, abs(now - self._curvature_per_m(REMEMBERED_S)) / 2)
+
+    def _curvature_per_m(self, last_s: float) -> float:
+        """Of the way of the last seconds, positive to the left; 0 while the car hardly moves."""
+        since_s = self.poses[-1].stamp_s - last_s if self.poses else 0.0
+        steps = [(one, other) for one, other in pairwise(self.poses) if other.stamp_s > since_s]
         # Backwards counts as less than nothing: the bend ahead is the same.
         way_m = sum(float(in_axes_of(one, other.place_m - one.place_m)[0]) for one, other in steps)
         if abs(way_m) < LEAST_WAY_M:

@@ -38,6 +38,7 @@ from vehicle_client.positioning.odometry_history import (
 from vehicle_client.positioning.pose_filter import DELAY_SD_S, YAW
 from vehicle_client.positioning.speed_scale import measured_scale
 from vehicle_client.sources.frame import GnssFix, LidarFrame
+from vehicle_client.way_ahead import Bend
 
 STALE_AFTER_S = 60.0
 """Age of the last believed fix after which there is no pose, however little odometry claims to drift."""
@@ -65,7 +66,7 @@ class Pose:
     """Place and attitude of the car at `stamp_s`, in the `enu` frame about `origin`, with what is unsure of it.
 
     `covariance_m2` (2, 2) is of east and north, and holds the error that all fixes of the last minutes share.
-    `curvature_per_m` is that of the way here, positive to the left.
+    `bend` is that of the way here.
     """
 
     stamp_s: float
@@ -76,7 +77,7 @@ class Pose:
     altitude_sd_m: float
     speed_mps: float
     heading_sd_rad: float = MOUNTED_YAW_SD_RAD
-    curvature_per_m: float = 0.0
+    bend: Bend = field(default_factory=Bend)
 
     @property
     def sd_m(self) -> float:
@@ -301,5 +302,5 @@ def _pose(estimate: CarEstimate, history: OdometryHistory, frame: LidarFrame, od
         altitude_sd_m=estimate.height.sd_m,
         speed_mps=speed_mps,
         heading_sd_rad=math.hypot(math.sqrt(float(covariance[YAW, YAW])), MOUNTED_YAW_SD_RAD),
-        curvature_per_m=history.curvature_per_m,
+        bend=history.bend,
     )

@@ -28,6 +28,7 @@ from vehicle_client.alerts import (
 )
 from vehicle_client.obstacle_map import ObstacleMap
 from vehicle_client.tracking import Track
+from vehicle_client.way_ahead import Bend
 
 EAST = math.pi / 2
 
@@ -262,9 +263,11 @@ def test_of_a_post_beside_the_lane_the_driver_is_warned_only_if_the_server_warns
 LEFT_BEND = 1 / 100
 
 
-def in_bend(known: ObstacleMap, tracks: tuple[Track, ...] = (), *, curvature_per_m: float = LEFT_BEND) -> Alerts:
+def in_bend(
+    known: ObstacleMap, tracks: tuple[Track, ...] = (), *, curvature_per_m: float = LEFT_BEND, sd_per_m: float = 0.0
+) -> Alerts:
     """What the driver is told at 10 m/s, at the origin and towards east, on a bend to the left."""
-    return choose(Alerts(), known, tracks, replace(pose_at(), curvature_per_m=curvature_per_m), NOON_S)
+    return choose(Alerts(), known, tracks, replace(pose_at(), bend=Bend(curvature_per_m, sd_per_m)), NOON_S)
 
 
 def test_in_a_bend_the_driver_is_warned_of_what_lies_on_it() -> None:
@@ -287,3 +290,11 @@ def test_what_the_own_lidar_sees_on_the_outside_of_a_bend_stands_beside_the_way(
     on_bend, outside = track_at(25.0, 3.2, 1), track_at(30.0, 0.0, 2)
     hazards = in_bend(map_of(), (on_bend, outside)).hazards
     assert [h.track_id for h in hazards] == [1]
+    told_as_well = in_bend(map_of(feature(east_m=30)), (on_bend, outside)).hazards
+    assert [h.track_id for h in told_as_well] == [1, 2], "what the server warns of is warned of"
+
+
+def test_while_a_bend_begins_or_ends_what_the_own_lidar_sees_on_either_way_is_ahead() -> None:
+    straight_on = (track_at(25.0, 0.0, 1),)
+    assert in_bend(map_of(), straight_on).hazards == ()
+    assert in_bend(map_of(), straight_on, sd_per_m=LEFT_BEND / 2).hazards

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from vehicle_client.way_ahead import BEND_RAD, along_bend, on_way, straight_on
+from vehicle_client.way_ahead import BEND_RAD, CHANGES_WITHIN_M, LANE_M, Bend, along_bend, on_way, straight_on
 
 curvatures = st.floats(0.001, 0.2) | st.floats(-0.2, -0.001)
 
@@ -58,3 +58,17 @@ def test_bends_begin_and_end_so_that_either_way_counts(x: float, y: float, curva
     place = np.array([x, y])
     left_m = on_way(place, curvature_per_m).left_m
     assert abs(left_m) == min(abs(y), abs(along_bend(place, curvature_per_m).left_m))
+
+
+@given(st.floats(1, CHANGES_WITHIN_M))
+def test_a_bend_that_changes_leads_elsewhere_by_the_square_of_the_way(along_m: float) -> None:
+    changed = along_bend(on_arc(along_m, 0.0, 0.01 + 1e-4), 0.01)
+    assert Bend(0.01, 1e-4).beside_sd_m(along_m) == pytest.approx(changed.left_m, rel=0.1)
+
+
+@given(st.floats(0, 0.1), st.floats(0, CHANGES_WITHIN_M), st.floats(CHANGES_WITHIN_M, 400))
+def test_what_a_change_makes_unsure_grows_until_it_has_changed_and_no_wider_than_a_lane(
+    sd_per_m: float, near_m: float, far_m: float
+) -> None:
+    bend = Bend(0.0, sd_per_m)
+    assert bend.beside_sd_m(near_m) <= bend.beside_sd_m(far_m) == bend.beside_sd_m(CHANGES_WITHIN_M) <= LANE_M
