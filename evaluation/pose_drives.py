@@ -139,7 +139,7 @@ def recorded_loop_drive(folder: Path, seed: int) -> PoseDrive:
     yaw = ahead + math.atan2(turn[1, 0], turn[0, 0])
     sd_m = float(residual.std())
     odometry = drifting(place, yaw, np.random.default_rng([seed, 0]))
-    spoken = [local_fix(row[1:3], float(row[0]), sd_m) for row in fixes]
+    spoken = [local_fix(ORIGIN, row[1:3], float(row[0]), sd_m) for row in fixes]
     frames = _with_odometry(_frames(stamps, spoken, [], fixes[:, 0]), odometry)
     speed = np.hypot(*np.gradient(place, stamps, axis=0).T)
     return PoseDrive("recorded, loops", frames, ORIGIN, place, yaw, speed)
@@ -165,9 +165,9 @@ def _laid_on(
     return best[1:]
 
 
-def local_fix(enu_m: FloatArray, stamp_s: float, sd_m: float) -> GnssFix:
-    """A fix (2,) east and north of `ORIGIN`, and what it states of its error."""
-    position, altitude_m = ORIGIN.geodetic(np.array([*enu_m, 0.0]))
+def local_fix(origin: GeoOrigin, enu_m: FloatArray, stamp_s: float, sd_m: float) -> GnssFix:
+    """A fix (2,) east and north of an origin, and what it states of its error."""
+    position, altitude_m = origin.geodetic(np.array([*enu_m, 0.0]))
     return GnssFix(position, altitude_m, None, sd_m, 2 * sd_m, stamp_s=stamp_s)
 
 

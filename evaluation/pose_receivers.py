@@ -101,31 +101,38 @@ def simulated_drive(receiver: str, seed: int, *, seconds: float = 180.0) -> Pose
     yaw = rng.uniform(-math.pi, math.pi) + np.cumsum(rate) * 0.1
     velocity = speed[:, None] * np.stack([np.cos(yaw), np.sin(yaw)], axis=1)
     place = np.cumsum(velocity * 0.1, axis=0)
-    fixes = _fixes(RECEIVERS[receiver], times, place, velocity, rng)
+    silent = tuple(LidarFrame(1.0e9 + float(time), NO_POINTS) for time in times)
+    drive = PoseDrive(f"simulated, {receiver}", silent, ORIGIN, place, yaw, speed)
+    fixes = _fixes(RECEIVERS[receiver], drive, 1.0e9 + times, 1.0, rng)
     frames = tuple(
-        LidarFrame(1.0e9 + float(time), NO_POINTS, odom_from_vehicle=odom_from_vehicle, gnss=fix)
-        for time, odom_from_vehicle, fix in zip(times, drifting(place, yaw, rng), fixes, strict=True)
+        replace(frame, odom_from_vehicle=odom_from_vehicle, gnss=fix)
+        for frame, odom_from_vehicle, fix in zip(silent, drifting(place, yaw, rng), fixes, strict=True)
     )
-    return PoseDrive(f"simulated, {receiver}", frames, ORIGIN, place, yaw, speed)
+    return replace(drive, frames=frames)
 
 
 def _fixes(
-    receiver: Receiver, times_s: FloatArray, place_m: FloatArray, velocity_mps: FloatArray, rng: np.random.Generator
+    receiver: Receiver, drive: PoseDrive, stamps_s: FloatArray, sd_m: float, rng: np.random.Generator
 ) -> list[GnssFix | None]:
-    """A fix with course and speed for each time, of what was a delay ago; None where there is none."""
-    wrong = receiver.errors(times_s, rng)
-    moments = times_s - receiver.delay_s + rng.normal(0, STAMP_JITTER_S, len(times_s))
-    places = _at(moments, times_s, place_m) + wrong
+    """A fix with course and speed for each stamp (F,), of what was a delay ago; None where there is none.
+
+    `sd_m` is what the fixes state, and what the receiver's errors are multiplied by.
+    """
+    times_s = np.array([frame.stamp_s for frame in drive.frames])
+    velocity_mps = drive.speed_mps[:, None] * np.stack([np.cos(drive.yaw_rad), np.sin(drive.yaw_rad)], axis=1)
+    wrong = sd_m * receiver.errors(stamps_s, rng)
+    moments = stamps_s - receiver.delay_s + rng.normal(0, STAMP_JITTER_S, len(stamps_s))
+    places = _at(moments, times_s, drive.place_m) + wrong
     velocities = _at(moments - VELOCITY_LAG_S, times_s, velocity_mps) + rng.normal(0, VELOCITY_SD_MPS, wrong.shape)
     return [
         replace(
-            local_fix(place, 1.0e9 + float(time), 1.0),
+            local_fix(drive.origin, place, float(stamp), sd_m),
             course_rad=heading_from_yaw(math.atan2(velocity[1], velocity[0])),
             speed_mps=float(np.hypot(*velocity)),
         )
         if np.isfinite(place).all()
         else None
-        for time, place, velocity in zip(times_s, places, velocities, strict=True)
+        for stamp, place, velocity in zip(stamps_s, places, velocities, strict=True)
     ]
 
 
