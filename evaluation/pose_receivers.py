@@ -1,4 +1,4 @@
-"""Simulated drives with known poses, whose receivers err in known ways."""
+"""Drives with known poses whose receivers err in known ways: simulated ones, and recorded ones with errors drawn."""
 
 from __future__ import annotations
 
@@ -85,6 +85,9 @@ RECEIVERS: dict[str, Receiver] = {
 }
 """Each states 1 m, and is right about it."""
 
+REDRAWN = ("memory of 30 s", "memory of 100 s", "memory of 600 s", "100 s, stamped 0.1 s late")
+"""What a receiver on a recorded street may be like: its errors last, and it stamps at once or on arrival."""
+
 STAMP_JITTER_S = 0.02
 """Stamps taken on arrival shake so much: serial lines and schedulers."""
 
@@ -103,7 +106,7 @@ def simulated_drive(receiver: str, seed: int, *, seconds: float = 180.0) -> Pose
     place = np.cumsum(velocity * 0.1, axis=0)
     silent = tuple(LidarFrame(1.0e9 + float(time), NO_POINTS) for time in times)
     drive = PoseDrive(f"simulated, {receiver}", silent, ORIGIN, place, yaw, speed)
-    fixes = _fixes(RECEIVERS[receiver], drive, 1.0e9 + times, 1.0, rng)
+    fixes = _fixes(RECEIVERS[receiver], drive, 1.0e9 + times, np.ones(len(times)), rng)
     frames = tuple(
         replace(frame, odom_from_vehicle=odom_from_vehicle, gnss=fix)
         for frame, odom_from_vehicle, fix in zip(silent, drifting(place, yaw, rng), fixes, strict=True)
@@ -111,28 +114,43 @@ def simulated_drive(receiver: str, seed: int, *, seconds: float = 180.0) -> Pose
     return replace(drive, frames=frames)
 
 
+def redrawn(recorded: PoseDrive, receiver: str, seed: int) -> PoseDrive:
+    """A recorded drive on which nothing but the errors of its fixes is drawn: as large as they were stated.
+
+    Path, wheels, frames and the stamps of the fixes stay; another seed is another receiver on the same street.
+    """
+    rng = np.random.default_rng([seed, 2, list(RECEIVERS).index(receiver)])
+    spoken = [(k, frame.gnss) for k, frame in enumerate(recorded.frames) if frame.gnss is not None]
+    stamps = np.array([recorded.frames[k].stamp_s if fix.stamp_s is None else fix.stamp_s for k, fix in spoken])
+    fixes = _fixes(RECEIVERS[receiver], recorded, stamps, np.array([fix.sd_m for _, fix in spoken]), rng)
+    frames = list(recorded.frames)
+    for (k, _), fix in zip(spoken, fixes, strict=True):
+        frames[k] = replace(frames[k], gnss=fix)
+    return replace(recorded, name=f"{recorded.name}, {receiver}", frames=tuple(frames))
+
+
 def _fixes(
-    receiver: Receiver, drive: PoseDrive, stamps_s: FloatArray, sd_m: float, rng: np.random.Generator
+    receiver: Receiver, drive: PoseDrive, stamps_s: FloatArray, sd_m: FloatArray, rng: np.random.Generator
 ) -> list[GnssFix | None]:
     """A fix with course and speed for each stamp (F,), of what was a delay ago; None where there is none.
 
-    `sd_m` is what the fixes state, and what the receiver's errors are multiplied by.
+    `sd_m` (F,) is what the fixes state, and what the receiver's errors are multiplied by.
     """
     times_s = np.array([frame.stamp_s for frame in drive.frames])
     velocity_mps = drive.speed_mps[:, None] * np.stack([np.cos(drive.yaw_rad), np.sin(drive.yaw_rad)], axis=1)
-    wrong = sd_m * receiver.errors(stamps_s, rng)
+    wrong = sd_m[:, None] * receiver.errors(stamps_s, rng)
     moments = stamps_s - receiver.delay_s + rng.normal(0, STAMP_JITTER_S, len(stamps_s))
     places = _at(moments, times_s, drive.place_m) + wrong
     velocities = _at(moments - VELOCITY_LAG_S, times_s, velocity_mps) + rng.normal(0, VELOCITY_SD_MPS, wrong.shape)
     return [
         replace(
-            local_fix(drive.origin, place, float(stamp), sd_m),
+            local_fix(drive.origin, place, float(stamp), float(sd)),
             course_rad=heading_from_yaw(math.atan2(velocity[1], velocity[0])),
             speed_mps=float(np.hypot(*velocity)),
         )
         if np.isfinite(place).all()
         else None
-        for stamp, place, velocity in zip(stamps_s, places, velocities, strict=True)
+        for stamp, sd, place, velocity in zip(stamps_s, sd_m, places, velocities, strict=True)
     ]
 
 

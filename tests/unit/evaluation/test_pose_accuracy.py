@@ -14,7 +14,7 @@ from typer.testing import CliRunner
 from evaluation.odometry_accuracy import MANOEUVRES, deskewed, matched, simulated_sweeps
 from evaluation.pose_accuracy import PoseTrace, figures, inside_ellipse, traced
 from evaluation.pose_drives import RECEIVER_DELAY_S, PoseDrive, recorded_city_drive, recorded_loop_drive
-from evaluation.pose_receivers import RECEIVERS, simulated_drive
+from evaluation.pose_receivers import RECEIVERS, REDRAWN, redrawn, simulated_drive
 from headsup.cli import app
 from simulator.mesh import pose as mounted
 from vehicle_client.sources.frame import SourceError
@@ -107,6 +107,33 @@ def test_a_receiver_that_stamps_late_costs_no_metres_behind_the_car() -> None:
     assert shown.heading_rms_deg < 1.0
 
 
+def test_nothing_but_the_errors_of_the_fixes_is_drawn_anew() -> None:
+    recorded = simulated_drive("100 s, outage of 60 s", 11, seconds=70.0)
+    one, again, other = (redrawn(recorded, "memory of 30 s", seed) for seed in (1, 1, 2))
+    assert one.frames == again.frames
+    for frame, before, elsewhere in zip(one.frames, recorded.frames, other.frames, strict=True):
+        assert replace(frame, gnss=None) == replace(before, gnss=None)
+        if frame.gnss is None or before.gnss is None or elsewhere.gnss is None:
+            assert frame.gnss is before.gnss is elsewhere.gnss
+            continue
+        assert (frame.gnss.stamp_s, frame.gnss.sd_m) == (before.gnss.stamp_s, before.gnss.sd_m)
+        assert len({fix.position for fix in (frame.gnss, before.gnss, elsewhere.gnss)}) == 3
+
+
+@pytest.mark.parametrize("stated_m", [0.8, 3.0])
+def test_drawn_errors_are_as_large_as_the_fixes_state(stated_m: float) -> None:
+    whole = simulated_drive("white", 11, seconds=2.0)
+    fixes = [frame.gnss for frame in whole.frames if frame.gnss is not None]
+    stated = [replace(frame, gnss=replace(fix, sd_m=stated_m)) for frame, fix in zip(whole.frames, fixes, strict=True)]
+    drives = [redrawn(replace(whole, frames=tuple(stated)), "memory of 30 s", seed) for seed in range(100)]
+    error = np.concatenate([traced(drive).fix_error_m for drive in drives])
+    assert math.sqrt(float((error**2).mean())) == pytest.approx(stated_m, rel=0.15)
+
+
+def test_every_receiver_that_is_drawn_on_recorded_drives_is_known() -> None:
+    assert set(REDRAWN) < set(RECEIVERS)
+
+
 def test_every_kind_of_receiver_is_simulated() -> None:
     assert {"white", "memory of 30 s", "memory of 100 s", "100 s, stamped 0.1 s late"} < set(RECEIVERS)
 
@@ -126,6 +153,16 @@ def test_on_the_recorded_city_drive_the_pose_is_honest_and_heads_right() -> None
 def test_a_known_delay_of_the_receiver_takes_most_of_its_error() -> None:
     drive = recorded_city_drive(DATA, known_delay_s=RECEIVER_DELAY_S)
     assert figures([traced(drive)]).median_m < 0.5
+
+
+@pytest.mark.realdata
+@needs_city
+def test_a_receiver_drawn_on_the_recorded_street_is_found_to_stamp_late() -> None:
+    recorded = recorded_city_drive(DATA)
+    shown = figures([traced(redrawn(recorded, "100 s, stamped 0.1 s late", seed)) for seed in (0, 1)])
+    assert shown.coverage >= 0.9
+    assert shown.median_m < 0.8 * shown.raw_median_m
+    assert shown.heading_rms_deg < 1.0
 
 
 @pytest.mark.realdata
