@@ -20,6 +20,9 @@ FloatArray = NDArray[np.float64]
 CHI_SQUARE_95 = 5.991
 """95 % of the squared distances of a plane normal distribution, in standard deviations, lie below."""
 
+ASKED_SHARE = (0.9, 0.98)
+"""Of the moments whose ellipse holds the truth: fewer are too sure, more are too careful."""
+
 HEADING_FROM_MPS = 5.0
 """Slower, a course says little; a place ahead is then near as well."""
 
@@ -149,4 +152,26 @@ def figures(traces: Sequence[PoseTrace]) -> PoseFigures:
         heading_within_2_sd=float((np.abs(heading[known]) <= 2 * sd[known]).mean()),
         jump_p99_m=float(np.percentile(jumps, 99)),
         jump_max_m=float(jumps.max()),
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class DriveCounts:
+    """How many drives have the truth in the ellipse always, above, within and below `ASKED_SHARE` of the moments."""
+
+    always: int
+    above: int
+    within: int
+    below: int
+
+
+def counted(traces: Sequence[PoseTrace]) -> DriveCounts:
+    """What several drives show one by one."""
+    least, most = ASKED_SHARE
+    shares = np.array([inside_ellipse(trace).mean() for trace in traces])
+    return DriveCounts(
+        always=int((shares == 1).sum()),
+        above=int(((shares > most) & (shares < 1)).sum()),
+        within=int(((shares >= least) & (shares <= most)).sum()),
+        below=int((shares < least).sum()),
     )

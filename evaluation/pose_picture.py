@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from evaluation.figure_style import INK, SOFT, new_figure, save
 from evaluation.odometry_accuracy import Deskewed
-from evaluation.pose_accuracy import CHI_SQUARE_95, PoseTrace, inside_ellipse
+from evaluation.pose_accuracy import ASKED_SHARE, CHI_SQUARE_95, PoseTrace, inside_ellipse
 from evaluation.pose_drives import PoseDrive
 
 FloatArray = NDArray[np.float64]
@@ -104,7 +104,7 @@ def _draw_ellipse(axes: Axes, centre: FloatArray, covariance: FloatArray, times:
 
 def _draw_coverage(axes: Axes, coverage: Mapping[str, Sequence[PoseTrace]]) -> None:
     _title(axes, "Moments whose 95 % ellipse holds the truth, all drives and each")
-    axes.axvspan(0.90, 0.98, color=GREEN, alpha=0.12, lw=0)
+    axes.axvspan(*ASKED_SHARE, color=GREEN, alpha=0.12, lw=0)
     for row, traces in enumerate(coverage.values()):
         each = [float(inside_ellipse(trace).mean()) for trace in traces]
         axes.plot(each, np.full(len(each), row), ".", color=SOFT, ms=4)

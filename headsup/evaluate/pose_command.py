@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Collection, Iterator
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, NoReturn
 
@@ -11,10 +12,11 @@ import typer
 from headsup.evaluate.outputs import make_ready
 
 if TYPE_CHECKING:
+    from rich.console import Console
     from rich.table import Table
 
     from evaluation.odometry_accuracy import Deskewed, MatchedDrive
-    from evaluation.pose_accuracy import PoseFigures
+    from evaluation.pose_accuracy import PoseFigures, PoseTrace
     from evaluation.pose_drives import PoseDrive
 
 MATCHED_WAY_M = 150.0
@@ -29,14 +31,15 @@ def pose(
         ),
     ],
     picture: Annotated[Path | None, typer.Option("--picture", help="Write a PNG with errors and tracks.")] = None,
-    seeds: Annotated[int, typer.Option("--seeds", min=1, max=1_000, help="Simulated drives of each receiver.")] = 20,
+    seeds: Annotated[int, typer.Option("--seeds", min=1, max=1_000, help="Drives of each drawn receiver.")] = 20,
     sweeps: Annotated[bool, typer.Option("--sweeps/--no-sweeps", help="Also match sweeps and take motion out.")] = True,
 ) -> None:
     """Hold poses against recorded and simulated truth: errors, the 95 % ellipse, heading, smoothness.
 
-    On a recorded city drive with its live fixes, on recorded loops with fixes once a second, and on simulated town
-    drives whose receivers err in known ways; then odometry from sweeps alone, and points brought to one moment. Takes
-    about ten minutes, most of it for the simulated drives.
+    On a recorded city drive with its live fixes, on the same with the errors of its fixes drawn many times, on recorded
+    loops with fixes once a second, and on simulated town drives whose receivers err in known ways; then odometry from
+    sweeps alone, and points brought to one moment. Takes about a quarter of an hour, most of it for drives with drawn
+    errors.
 
     Examples:
 
@@ -48,9 +51,9 @@ def pose(
     from rich.progress import track
 
     from evaluation.odometry_accuracy import MANOEUVRES, deskewed
-    from evaluation.pose_accuracy import PoseTrace, figures, traced
+    from evaluation.pose_accuracy import figures, traced
     from evaluation.pose_picture import draw_pose
-    from evaluation.pose_receivers import RECEIVERS, simulated_drive
+    from evaluation.pose_receivers import RECEIVERS, REDRAWN, redrawn, simulated_drive
     from vehicle_client.sources.frame import SourceError
 
     try:
@@ -66,13 +69,15 @@ def pose(
     for drive in track(recorded, "recorded", console=progress, transient=True):
         traces[drive.name] = traced(drive)
         shown[drive.name] = figures([traces[drive.name]])
-    simulated: dict[str, list[PoseTrace]] = {name: [] for name in RECEIVERS}
-    jobs = [(name, seed) for name in RECEIVERS for seed in range(seeds)]
-    for name, seed in track(jobs, "simulated", console=progress, transient=True):
-        simulated[name].append(traced(simulated_drive(name, seed)))
+    city = next((drive for drive in recorded if drive.name == CITY), None)
+    drawn = {} if city is None else _seeded("drawn errors", REDRAWN, seeds, partial(redrawn, city), progress)
+    simulated = _seeded("simulated", RECEIVERS, seeds, simulated_drive, progress)
+    shown |= {f"city, drawn errors, {name}": figures(of) for name, of in drawn.items()}
     shown |= {f"simulated, {name}": figures(of) for name, of in simulated.items()}
     console = Console(width=150)
     console.print(_pose_table(shown))
+    if drawn:
+        console.print(_minutes_table(drawn))
     if sweeps:
         turns = [deskewed(manoeuvre, seed=1) for manoeuvre in track(MANOEUVRES, "sweeps", console=progress)]
         console.print(_deskew_table(turns))
@@ -97,6 +102,21 @@ def _recorded(data: Path) -> Iterator[PoseDrive]:
         )
     if (data / "kitti00").is_dir():
         yield replace(recorded_loop_drive(data, seed=1), name=LOOPS)
+
+
+def _seeded(
+    title: str, names: Collection[str], seeds: int, drive: Callable[[str, int], PoseDrive], progress: Console
+) -> dict[str, list[PoseTrace]]:
+    """A trace of each seed's drive with each receiver."""
+    from rich.progress import track
+
+    from evaluation.pose_accuracy import traced
+
+    jobs = [(name, seed) for name in names for seed in range(seeds)]
+    traces: dict[str, list[PoseTrace]] = {name: [] for name in names}
+    for name, seed in track(jobs, title, console=progress, transient=True):
+        traces[name].append(traced(drive(name, seed)))
+    return traces
 
 
 def _matched(data: Path) -> Iterator[MatchedDrive]:
@@ -142,6 +162,21 @@ def _pose_table(shown: dict[str, PoseFigures]) -> Table:
             f"{of.heading_within_2_sd:.1%}",
             f"{of.jump_p99_m:.2f} m",
         )
+    return table
+
+
+def _minutes_table(drawn: dict[str, list[PoseTrace]]) -> Table:
+    from rich.table import Table
+
+    from evaluation.pose_accuracy import ASKED_SHARE, counted
+
+    least, most = (round(100 * share) for share in ASKED_SHARE)
+    table = Table(title="The recorded city drive with drawn errors: minutes by their share in the ellipse")
+    for name in ("errors", "minutes", "100 %", f"above {most} %", f"{least} to {most} %", f"below {least} %"):
+        table.add_column(name, justify="left" if name == "errors" else "right")
+    for name, traces in drawn.items():
+        of = counted(traces)
+        table.add_row(name, *(str(value) for value in (len(traces), of.always, of.above, of.within, of.below)))
     return table
 
 

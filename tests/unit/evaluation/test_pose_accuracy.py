@@ -12,7 +12,7 @@ import pytest
 from typer.testing import CliRunner
 
 from evaluation.odometry_accuracy import MANOEUVRES, deskewed, matched, simulated_sweeps
-from evaluation.pose_accuracy import PoseTrace, figures, inside_ellipse, traced
+from evaluation.pose_accuracy import DriveCounts, PoseTrace, counted, figures, inside_ellipse, traced
 from evaluation.pose_drives import RECEIVER_DELAY_S, PoseDrive, recorded_city_drive, recorded_loop_drive
 from evaluation.pose_receivers import RECEIVERS, REDRAWN, redrawn, simulated_drive
 from headsup.cli import app
@@ -64,6 +64,12 @@ def test_moments_without_a_pose_count_as_such_and_as_nothing_else() -> None:
     assert shown.coverage == 1.0
     assert shown.median_m == pytest.approx(0.3 * math.sqrt(2))
     assert shown.heading_rms_deg == pytest.approx(0.5)
+
+
+def test_each_drive_is_counted_by_its_share_in_the_ellipse() -> None:
+    outside = [0, 0, 0, 1, 2, 10, 11, 100]
+    traces = [trace_of(np.repeat([[9.0, 0.0], [0.1, 0.0]], [n, 100 - n], axis=0), 1.0) for n in outside]
+    assert counted(traces) == DriveCounts(always=3, above=1, within=2, below=2)
 
 
 def test_the_same_seed_gives_the_same_drive_and_another_one_another() -> None:
