@@ -20,6 +20,8 @@ if TYPE_CHECKING:
     from evaluation.pose_drives import PoseDrive
 
 MATCHED_WAY_M = 150.0
+MINUTES_A_SEED = 3
+"""Of the recorded city drive with drawn errors: as long as a simulated drive."""
 CITY, LOOPS = "recorded city, as stamped", "recorded loops"
 
 
@@ -31,7 +33,7 @@ def pose(
         ),
     ],
     picture: Annotated[Path | None, typer.Option("--picture", help="Write a PNG with errors and tracks.")] = None,
-    seeds: Annotated[int, typer.Option("--seeds", min=1, max=1_000, help="Drives of each drawn receiver.")] = 20,
+    seeds: Annotated[int, typer.Option("--seeds", min=1, max=1_000, help="Drives of 3 minutes a receiver.")] = 20,
     sweeps: Annotated[bool, typer.Option("--sweeps/--no-sweeps", help="Also match sweeps and take motion out.")] = True,
 ) -> None:
     """Hold poses against recorded and simulated truth: errors, the 95 % ellipse, heading, smoothness.
@@ -70,7 +72,8 @@ def pose(
         traces[drive.name] = traced(drive)
         shown[drive.name] = figures([traces[drive.name]])
     city = next((drive for drive in recorded if drive.name == CITY), None)
-    drawn = {} if city is None else _seeded("drawn errors", REDRAWN, seeds, partial(redrawn, city), progress)
+    minutes = MINUTES_A_SEED * seeds
+    drawn = {} if city is None else _seeded("drawn errors", REDRAWN, minutes, partial(redrawn, city), progress)
     simulated = _seeded("simulated", RECEIVERS, seeds, simulated_drive, progress)
     shown |= {f"city, drawn errors, {name}": figures(of) for name, of in drawn.items()}
     shown |= {f"simulated, {name}": figures(of) for name, of in simulated.items()}

@@ -45,7 +45,7 @@ def drive_along(corners_m: list[tuple[float, float]]) -> PoseDrive:
             NOON_S + k / 10,
             NO_POINTS,
             odom_from_vehicle=planar(*place, yaw),
-            gnss=replace(local_fix(place, NOON_S + k / 10, 1.0), heading_rad=(math.pi / 2 - yaw) % math.tau),
+            gnss=replace(local_fix(ORIGIN, place, NOON_S + k / 10, 1.0), heading_rad=(math.pi / 2 - yaw) % math.tau),
         )
         for k, (place, yaw) in enumerate(zip(place_m, yaw_rad, strict=True))
     )
