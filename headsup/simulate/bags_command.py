@@ -41,6 +41,9 @@ def bags(out: Annotated[Path, typer.Option("--out", help="A new or empty folder 
     except OSError as error:
         typer.echo(f"headsup simulate bags: {error.filename or out}: {error.strerror or error}", err=True)
         raise typer.Exit(1) from None
+    except KeyboardInterrupt:
+        typer.echo("headsup simulate bags: interrupted; what is in the folder is not whole", err=True)
+        raise typer.Exit(130) from None
     typer.echo(f"{out}: first and second, two ROS 2 bags of one street, and car.toml")
 
 
