@@ -18,6 +18,7 @@ from vehicle_client.alignment import UNALIGNED, Alignment
 from vehicle_client.frames import Vector, apply, inverse
 from vehicle_client.obstacle_map import ObstacleMap, place_in_vehicle, stored_sd_m
 from vehicle_client.positioning.pose import Pose
+from vehicle_client.posts import is_post
 from vehicle_client.tracking import Track
 from vehicle_client.way_ahead import along_bend, on_way
 
@@ -140,7 +141,9 @@ def choose(
     chime = False
     for hazard in _not_passed(known, tracks, pose, alignment):
         before = max((previous.stages[k] for k in hazard.keys if k in previous.stages), default=None)
-        is_on_way = abs(hazard.beside_m) < CORRIDOR_M + 2 * hazard.beside_sd_m
+        # What was announced stays so while it lies straight ahead, too: a bend ends.
+        beside_m = hazard.beside_m if before is None else min(hazard.beside_m, hazard.centre_vehicle_m[1], key=abs)
+        is_on_way = abs(beside_m) < CORRIDOR_M + 2 * hazard.beside_sd_m
         now = stage_at(hazard.distance_m, pose.speed_mps) if is_on_way else None
         stage = max((s for s in (before, now) if s is not None), default=None)
         if stage is None:
@@ -184,12 +187,11 @@ def _not_passed(known: ObstacleMap, tracks: Sequence[Track], pose: Pose, alignme
         else:
             track, centre = own.pop(track_id)
             hazards.append(_hazard(kind, centre, _shape(track, pose), pose, 0.0, obstacle_id, track_id))
-    # A post is told to nobody (`vehicle_client.moments`), nor to the driver, unless the server warns of it.
-    hazards += [
-        _hazard(Kind(t.kind), centre, _shape(t, pose), pose, 0.0, None, t.track_id)
-        for t, centre in own.values()
-        if not t.is_post
-    ]
+    for track, centre in own.values():
+        hazard = _hazard(Kind(track.kind), centre, _shape(track, pose), pose, 0.0, None, track.track_id)
+        # A post is told to nobody (`vehicle_client.moments`), nor to the driver, unless the server warns of it.
+        if not is_post(track.kind, abs(hazard.beside_m), track.length_m, track.width_m, track.relief_m):
+            hazards.append(hazard)
     return [h for h in hazards if h.distance_m > 0]
 
 

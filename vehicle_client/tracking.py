@@ -9,7 +9,6 @@ import numpy as np
 
 from detector.types import DetectedObstacle, ObstacleKind
 from vehicle_client.frames import Matrix, Vector, apply
-from vehicle_client.posts import is_post
 
 GATE_M = 1.2
 """A detection joins a track nearer than this: above a frame's error of a centre, below the gap of two holes."""
@@ -92,11 +91,6 @@ class Track:
     def is_doubtful(self) -> bool:
         """Whether it was seen a few times only, in too small a share of the searches from near it."""
         return self.sightings < min(SURE_AFTER, LEAST_SHARE * self.looks)
-
-    @property
-    def is_post(self) -> bool:
-        """Whether it stands beside the lane as a post does."""
-        return is_post(self.kind, self.beside_m, self.length_m, self.width_m, self.relief_m)
 
     @property
     def is_static(self) -> bool:

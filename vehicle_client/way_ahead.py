@@ -1,4 +1,4 @@
-"""The way that lies ahead of the car, as its last second of driving lets one expect it."""
+"""The way that lies ahead of the car, as its last moments let one expect it."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ it makes no difference on the loops of `headsup evaluate warned`."""
 CHANGES_WITHIN_M = 30.0
 """As long as a street takes to go over into a bend. Of a change that is under way nothing is known for farther on."""
 
-LANE_M = 3.5
+HALF_LANE_M = 1.75
 """At a corner that a car takes within a second, all streets around would else be ahead."""
 
 STRAIGHT_PER_M = 1e-6
@@ -29,8 +29,8 @@ class Bend(NamedTuple):
     sd_per_m: float = 0.0
 
     def beside_sd_m(self, along_m: float) -> float:
-        """How unsure that makes where the way is, across it, so far ahead; at most a lane."""
-        return min(self.sd_per_m * min(along_m, CHANGES_WITHIN_M) ** 2 / 2, LANE_M)
+        """How unsure that makes where the way is, across it, so far ahead: at most half a lane."""
+        return min(self.sd_per_m * min(along_m, CHANGES_WITHIN_M) ** 2 / 2, HALF_LANE_M)
 
 
 class OnWay(NamedTuple):

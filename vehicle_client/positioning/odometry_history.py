@@ -24,11 +24,12 @@ IMPOSSIBLE_MPS, LEAST_STEP_S = 100.0, 0.2
 MOST_POSES = 256
 """More than 1.5 s of a sensor at 100 Hz."""
 
-BEND_S = 0.5
-"""Sweeps enough that a yaw's noise of 0.1 degrees is no bend, and half a second before the car is out of one."""
+BEND_S, BEND_WAY_M = 0.5, 3.0
+"""A bend is measured over so long, and over so much way where that takes longer: late where a bend ends, but over less
+the noise of a yaw is a bend."""
 
-LEAST_WAY_M = 1.0
-"""Over less the noise of a yaw is a bend."""
+YAW_SD_RAD = math.radians(0.1)
+"""Noise of a yaw from sweep to sweep, of scan matching or of a gyro."""
 
 TIGHTEST_PER_M = 1 / 5
 """No car turns in less than a circle of 10 m."""
@@ -67,20 +68,25 @@ class OdometryHistory:
 
     @property
     def bend(self) -> Bend:
-        """Of the last `BEND_S`; what it was over all that is remembered tells how fast it changes."""
-        now = self._curvature_per_m(BEND_S)
-        return Bend(now, abs(now - self._curvature_per_m(REMEMBERED_S)) / 2)
+        """Of the last half second; what it was over all that is remembered tells how fast it changes."""
+        now, way_m = self._curvature_per_m(BEND_S)
+        if way_m == 0:
+            return Bend()
+        before, _ = self._curvature_per_m(REMEMBERED_S)
+        return Bend(now, math.hypot((now - before) / 2, math.sqrt(2) * YAW_SD_RAD / way_m))
 
-    def _curvature_per_m(self, last_s: float) -> float:
-        """Of the way of the last seconds, positive to the left; 0 while the car hardly moves."""
-        since_s = self.poses[-1].stamp_s - last_s if self.poses else 0.0
-        steps = [(one, other) for one, other in pairwise(self.poses) if other.stamp_s > since_s]
-        # Backwards counts as less than nothing: the bend ahead is the same.
-        way_m = sum(float(in_axes_of(one, other.place_m - one.place_m)[0]) for one, other in steps)
-        if abs(way_m) < LEAST_WAY_M:
-            return 0.0
-        turned_rad = sum(turn_between(one, other) for one, other in steps)
-        return max(-TIGHTEST_PER_M, min(turned_rad / way_m, TIGHTEST_PER_M))
+    def _curvature_per_m(self, last_s: float) -> tuple[float, float]:
+        """Of the last seconds and `BEND_WAY_M` at least, positive to the left, and the way; 0 while there is less."""
+        way_m, turned_rad = 0.0, 0.0
+        for other, one in pairwise(reversed(self.poses)):
+            # Backwards counts as less than nothing: the bend ahead is the same.
+            way_m += float(in_axes_of(one, other.place_m - one.place_m)[0])
+            turned_rad += turn_between(one, other)
+            if self.poses[-1].stamp_s - one.stamp_s >= last_s and abs(way_m) >= BEND_WAY_M:
+                break
+        if abs(way_m) < BEND_WAY_M:
+            return 0.0, 0.0
+        return max(-TIGHTEST_PER_M, min(turned_rad / way_m, TIGHTEST_PER_M)), abs(way_m)
 
     def at(self, stamp_s: float) -> PlanarPose | None:
         """The pose at a moment between the first and the last, by straight lines; None outside."""

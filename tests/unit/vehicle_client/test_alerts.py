@@ -7,6 +7,7 @@ from dataclasses import replace
 from itertools import pairwise
 from uuid import UUID
 
+import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -250,10 +251,11 @@ def test_a_hazard_is_remembered_by_all_its_names() -> None:
 
 def test_of_a_post_beside_the_lane_the_driver_is_warned_only_if_the_server_warns() -> None:
     """As it is not reported: upright, slender, and farther than half a lane beside the car's course."""
-    post = replace(track_at(30, 2.0, kind=ObstacleKind.DEBRIS), length_m=0.2, width_m=0.2, relief_m=0.8, beside_m=2.0)
+    post = replace(track_at(30, 2.0, kind=ObstacleKind.DEBRIS), length_m=0.2, width_m=0.2, relief_m=0.8)
     nothing = map_of()
     assert told(nothing, (post,)).hazards == ()
-    for other in (replace(post, beside_m=1.5), replace(post, relief_m=0.3), replace(post, length_m=2.0, width_m=1.0)):
+    in_lane = replace(post, centre_odom_m=np.array([30.0, 1.5, 0.0]))
+    for other in (in_lane, replace(post, relief_m=0.3), replace(post, length_m=2.0, width_m=1.0)):
         (hazard,) = told(nothing, (other,)).hazards
         assert hazard.kind is Kind.DEBRIS
     (known,) = told(map_of(feature(kind=Kind.DEBRIS, east_m=30, north_m=2)), (post,)).hazards
@@ -298,3 +300,17 @@ def test_while_a_bend_begins_or_ends_what_the_own_lidar_sees_on_either_way_is_ah
     straight_on = (track_at(25.0, 0.0, 1),)
     assert in_bend(map_of(), straight_on).hazards == ()
     assert in_bend(map_of(), straight_on, sd_per_m=LEFT_BEND / 2).hazards
+
+
+def test_in_a_bend_a_cone_in_the_own_lane_is_no_post_beside_it() -> None:
+    cone = replace(track_at(25.0, 3.1, kind=ObstacleKind.DEBRIS), length_m=0.3, width_m=0.3, relief_m=0.7)
+    assert in_bend(map_of(), (cone,)).hazards
+    assert not in_bend(map_of(), (replace(cone, centre_odom_m=np.array([25.0, 1.1, 0.0])),)).hazards
+
+
+def test_what_the_own_lidar_saw_on_a_bend_stays_announced_where_the_bend_ends() -> None:
+    ahead = (track_at(25.0, 0.0, 1),)
+    announced = choose(Alerts(), map_of(), ahead, pose_at(), NOON_S)
+    after = choose(announced, map_of(), ahead, replace(pose_at(), bend=Bend(LEFT_BEND)), NOON_S)
+    assert [h.track_id for h in after.hazards] == [1]
+    assert not after.chime

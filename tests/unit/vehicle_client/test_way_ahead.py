@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from tests.unit.vehicle_client.making import NOON_S, planar
 from vehicle_client.alerts import CORRIDOR_M
 from vehicle_client.positioning.odometry_history import OdometryHistory
-from vehicle_client.way_ahead import BEND_RAD, CHANGES_WITHIN_M, LANE_M, Bend, along_bend, on_way, straight_on
+from vehicle_client.way_ahead import BEND_RAD, CHANGES_WITHIN_M, HALF_LANE_M, Bend, along_bend, on_way, straight_on
 
 curvatures = st.floats(0.001, 0.2) | st.floats(-0.2, -0.001)
 
@@ -43,7 +43,7 @@ def test_beyond_the_bend_the_way_goes_straight_on(curvature_per_m: float, beyond
         assert along_bend(place, curvature_per_m) == pytest.approx((end_m + beyond_m, left_m), abs=1e-6)
 
 
-@given(st.floats(-100, 400), st.floats(-50, 50), curvatures)
+@given(st.floats(-100, -0.01) | st.just(0.0) | st.floats(0.01, 400), st.floats(-50, 50), curvatures)
 def test_what_is_behind_stays_behind_and_left_and_right_are_alike(x: float, y: float, curvature_per_m: float) -> None:
     along_m, left_m = along_bend(np.array([x, y]), curvature_per_m)
     assert (along_m > 0) == (x > 0)
@@ -70,11 +70,13 @@ def test_a_bend_that_changes_leads_elsewhere_by_the_square_of_the_way(along_m: f
 
 
 @given(st.floats(0, 0.1), st.floats(0, CHANGES_WITHIN_M), st.floats(CHANGES_WITHIN_M, 400))
-def test_what_a_change_makes_unsure_grows_until_it_has_changed_and_no_wider_than_a_lane(
+def test_what_a_change_makes_unsure_grows_until_it_has_changed_and_no_wider_than_half_a_lane(
     sd_per_m: float, near_m: float, far_m: float
 ) -> None:
     bend = Bend(0.0, sd_per_m)
-    assert bend.beside_sd_m(near_m) <= bend.beside_sd_m(far_m) == bend.beside_sd_m(CHANGES_WITHIN_M) <= LANE_M
+    assert (
+        bend.beside_sd_m(near_m) <= bend.beside_sd_m(far_m) == bend.beside_sd_m(CHANGES_WITHIN_M) <= HALF_LANE_M == 1.75
+    )
 
 
 STEP_M = 0.1

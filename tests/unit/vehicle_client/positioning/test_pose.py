@@ -203,7 +203,7 @@ def test_the_course_tells_the_heading_also_in_reverse(backwards: bool) -> None:
     assert found.pose.heading_rad == pytest.approx(EAST, abs=1e-3)
 
 
-def test_in_a_roundabout_the_course_does_not_pull_the_heading() -> None:
+def test_in_a_roundabout_the_pose_knows_its_bend_and_the_course_does_not_pull_the_heading() -> None:
     state, found = PoseFilter(), PoseUpdate(None, None)
     radius_m, rate = 20.0, SPEED_MPS / 20.0
     for number in range(200):
@@ -213,6 +213,7 @@ def test_in_a_roundabout_the_course_does_not_pull_the_heading() -> None:
         state, found = update(state, frame_at(NOON_S + number / RATE_HZ, planar(*place, yaw), fix))
     assert found.pose is not None
     assert math.remainder(yaw_of(found.pose.enu_from_vehicle) - yaw, 2 * math.pi) == pytest.approx(0, abs=0.01)
+    assert found.pose.bend.curvature_per_m == pytest.approx(1 / radius_m, rel=0.01)
 
 
 def test_the_antenna_s_place_on_the_car_is_taken_out() -> None:
