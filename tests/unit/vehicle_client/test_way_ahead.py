@@ -47,6 +47,7 @@ def test_beyond_the_bend_the_way_goes_straight_on(curvature_per_m: float, beyond
 def test_what_is_behind_stays_behind_and_left_and_right_are_alike(x: float, y: float, curvature_per_m: float) -> None:
     along_m, left_m = along_bend(np.array([x, y]), curvature_per_m)
     assert (along_m > 0) == (x > 0)
+    assert x > 0 or (along_m, left_m) == (x, y)
     assert along_bend(np.array([x, -y]), -curvature_per_m) == pytest.approx((along_m, -left_m))
 
 
@@ -54,6 +55,10 @@ def test_what_is_behind_stays_behind_and_left_and_right_are_alike(x: float, y: f
 def test_without_a_bend_the_way_is_straight(x: float, y: float, curvature_per_m: float) -> None:
     place = np.array([x, y, 0.3])
     assert along_bend(place, curvature_per_m) == straight_on(place) == on_way(place, curvature_per_m) == (x, y)
+
+
+def test_also_a_bend_of_2_km_leads_elsewhere() -> None:
+    assert along_bend(np.array([200.0, 0.0]), 1 / 2_000).left_m == pytest.approx(-10.0, abs=0.1)
 
 
 @given(st.floats(0.1, 400), st.floats(-50, 50), curvatures)
