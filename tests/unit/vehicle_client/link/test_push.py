@@ -107,7 +107,7 @@ def test_a_server_that_never_acknowledges_is_given_up() -> None:
         while True:
             connection.send(Updated(position_seq=1, obstacle=feature()).model_dump_json())
 
-    with channel_to(chatter, timeout_s=0.3) as channel, pytest.raises(PushError, match="not acknowledged"):
+    with channel_to(chatter, timeout_s=2.0) as channel, pytest.raises(PushError, match="not acknowledged"):
         channel.exchange(PATRAS)
 
 
