@@ -32,8 +32,9 @@ def warned(
     """Put an obstacle on every 20 m of a way, tell the client of all, and see when it warns its driver.
 
     With the bend that the car is on, as `headsup drive` warns, and with a strip straight ahead. Wrong are warnings of
-    what the car does not come to within 40 s, most of them across a junction at which it turns. Takes about a minute,
-    and another one with the recorded drives.
+    what the car does not come to within 40 s, most of them across a junction at which it turns. All obstacles are the
+    server's; what only the own LiDAR sees has no part in it. Takes about a minute, and another one with the recorded
+    drives.
 
     Examples:
 
