@@ -22,6 +22,8 @@ from tests.unit.server.making import PATRAS, detection, message
 
 WRONG_KEY = "hu_a-key-that-nobody-knows-0123456789"
 PLACES = ("38.24", "21.73", "48.137", "11.575")
+#: What the log takes from clocks: 08:50:38.247 is no latitude.
+OF_CLOCKS = ("time", "duration_ms")
 
 
 def a_session_with_everything(server: Served, database: Path) -> list[httpx.Response]:
@@ -76,12 +78,12 @@ def test_a_log_of_everything_has_neither_keys_nor_positions(tmp_path: Path) -> N
     statuses = [answer.status_code for answer in answers]
     assert statuses[:8] == [200, 422, 401, 422, 404, 200, 422, 422]
     assert 500 in statuses[8:]
-    text = server.log()
+    entries = [json.loads(line) for line in server.log().splitlines()]
+    text = json.dumps([{name: of for name, of in entry.items() if name not in OF_CLOCKS} for entry in entries])
     for secret in (OPERATOR_KEY, WRONG_KEY, "Bearer", "ego1", *PLACES):
         assert secret not in text
     for answer in answers[1:]:
         assert not [secret for secret in (OPERATOR_KEY, WRONG_KEY, "sqlite", "gone") if secret in answer.text]
-    entries = [json.loads(line) for line in text.splitlines()]
     requests = [entry for entry in entries if entry["message"] == "request"]
     assert [entry["status"] for entry in requests] == statuses
     assert {entry["route"] for entry in requests} == {"/v1/obstacles", "/v1/observations", "none", "/readyz"}
