@@ -18,7 +18,7 @@ from vehicle_client.alignment import UNALIGNED, Alignment
 from vehicle_client.frames import Vector, apply, inverse
 from vehicle_client.obstacle_map import ObstacleMap, place_in_vehicle, stored_sd_m
 from vehicle_client.positioning.pose import Pose
-from vehicle_client.posts import is_post
+from vehicle_client.posts import POST_BESIDE_M, is_slender
 from vehicle_client.tracking import Track
 from vehicle_client.way_ahead import along_bend, on_way
 
@@ -64,10 +64,20 @@ MIN_DISTANCE_M, MAX_DISTANCE_M = 30.0, 400.0
 """A stage begins no later than 30 m and no earlier than 400 m before the obstacle, whatever the speed."""
 
 STANDSTILL_MPS = 2.0
-"""Below walking pace nothing is announced."""
+"""Below walking pace nothing is announced, nor while the car backs."""
 
 CORRIDOR_M = 2.5
 """Half width of the way ahead: half a lane (1.75 m) and half a large hole; how unsure both places are comes on top."""
+
+STAYS_M = 0.5
+"""What was announced stays so while it lies no farther outside the way: who can read a marker that comes and goes?"""
+
+WIDE_SDS = 2.0
+SURE_BEFORE_S, AT_LATEST_S = 3.0, 1.5
+"""How unsure it may be whether a place lies on the way. Most of what a bend could yet lead to lies beside it: what only
+the own LiDAR sees has to lie on it by two standard deviations 3 s ahead, where there is time to become surer, and is
+warned of 1.5 s ahead unless it lies beside by two (times chosen by `headsup evaluate warned`). What the server tells
+comes seconds earlier, and is warned of if it may lie on the way."""
 
 OWN_GATE_M = 4.0
 """An own track and a server's obstacle of one sign nearer than this are one: 3 sigma of two satellite positions."""
@@ -78,7 +88,8 @@ class Hazard:
     """One obstacle ahead, from the server, from the own LiDAR, or from both.
 
     `centre_vehicle_m` is (3,) in the `vehicle` frame; `yaw_rad` is in the same frame. `distance_m` is along the way
-    ahead, `beside_m` from it to the left, `beside_sd_m` the standard deviation of that.
+    ahead, `beside_m` from it to the left, `beside_sd_m` the standard deviation of that; within `reach_m` to either side
+    it is on the way.
     """
 
     kind: Kind
@@ -91,6 +102,7 @@ class Hazard:
     yaw_rad: float
     beside_m: float
     beside_sd_m: float
+    reach_m: float
     obstacle_id: UUID | None
     track_id: int | None
 
@@ -141,9 +153,7 @@ def choose(
     chime = False
     for hazard in _not_passed(known, tracks, pose, alignment):
         before = max((previous.stages[k] for k in hazard.keys if k in previous.stages), default=None)
-        # What was announced stays so while it lies straight ahead, too: a bend ends.
-        beside_m = hazard.beside_m if before is None else min(hazard.beside_m, hazard.centre_vehicle_m[1], key=abs)
-        is_on_way = abs(beside_m) < CORRIDOR_M + 2 * hazard.beside_sd_m
+        is_on_way = _stays_on_way(hazard) if before is not None else _is_on_way(hazard)
         now = stage_at(hazard.distance_m, pose.speed_mps) if is_on_way else None
         stage = max((s for s in (before, now) if s is not None), default=None)
         if stage is None:
@@ -168,6 +178,19 @@ def stage_at(distance_m: float, speed_mps: float) -> Stage | None:
     return reached
 
 
+def _is_on_way(hazard: Hazard) -> bool:
+    sds = WIDE_SDS
+    if hazard.obstacle_id is None:
+        sds = float(np.interp(hazard.arrival_s, (AT_LATEST_S, SURE_BEFORE_S), (WIDE_SDS, -WIDE_SDS)))
+    return abs(hazard.beside_m) < hazard.reach_m + sds * hazard.beside_sd_m
+
+
+def _stays_on_way(hazard: Hazard) -> bool:
+    # Also while it lies straight ahead: a bend ends.
+    beside_m = min(abs(hazard.beside_m), abs(float(hazard.centre_vehicle_m[1])))
+    return beside_m < hazard.reach_m + STAYS_M + WIDE_SDS * hazard.beside_sd_m
+
+
 def _not_passed(known: ObstacleMap, tracks: Sequence[Track], pose: Pose, alignment: Alignment) -> list[Hazard]:
     vehicle_from_odom = inverse(pose.odom_from_vehicle)
     own = {t.track_id: (t, apply(vehicle_from_odom, t.centre_odom_m)) for t in tracks if t.confirmed and t.is_static}
@@ -183,15 +206,15 @@ def _not_passed(known: ObstacleMap, tracks: Sequence[Track], pose: Pose, alignme
             shape = (box.length_mm / 1000, box.width_mm / 1000, yaw % math.pi)
             place_sd_m = alignment.place_sd_m(stored_sd_m(feature), pose.sd_m)
             sd_m = math.hypot(place_sd_m, pose.heading_sd_rad * float(place[0]))
-            hazards.append(_hazard(kind, place, shape, pose, sd_m, obstacle_id, None))
+            hazards.append(_hazard(kind, place, shape, pose, sd_m, CORRIDOR_M, obstacle_id, None))
         else:
             track, centre = own.pop(track_id)
-            hazards.append(_hazard(kind, centre, _shape(track, pose), pose, 0.0, obstacle_id, track_id))
+            hazards.append(_hazard(kind, centre, _shape(track, pose), pose, 0.0, CORRIDOR_M, obstacle_id, track_id))
     for track, centre in own.values():
-        hazard = _hazard(Kind(track.kind), centre, _shape(track, pose), pose, 0.0, None, track.track_id)
         # A post is told to nobody (`vehicle_client.moments`), nor to the driver, unless the server warns of it.
-        if not is_post(track.kind, abs(hazard.beside_m), track.length_m, track.width_m, track.relief_m):
-            hazards.append(hazard)
+        slender = is_slender(track.kind, track.length_m, track.width_m, track.relief_m)
+        reach_m = POST_BESIDE_M if slender else CORRIDOR_M
+        hazards.append(_hazard(Kind(track.kind), centre, _shape(track, pose), pose, 0.0, reach_m, None, track.track_id))
     return [h for h in hazards if h.distance_m > 0]
 
 
@@ -223,6 +246,7 @@ def _hazard(
     shape: tuple[float, float, float],
     pose: Pose,
     beside_sd_m: float,
+    reach_m: float,
     obstacle_id: UUID | None,
     track_id: int | None,
 ) -> Hazard:
@@ -244,6 +268,7 @@ def _hazard(
         yaw_rad=yaw_rad,
         beside_m=way.left_m,
         beside_sd_m=beside_sd_m,
+        reach_m=reach_m,
         obstacle_id=obstacle_id,
         track_id=track_id,
     )

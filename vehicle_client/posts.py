@@ -14,7 +14,12 @@ POST_HEIGHT_M, POST_SLENDERNESS = 0.4, 1.5
 
 
 def is_post(kind: ObstacleKind, beside_m: float, length_m: float, width_m: float, relief_m: float) -> bool:
-    """Whether an obstacle of that size, so far beside the car's course, is a post: neither reported nor warned of."""
-    if kind is not ObstacleKind.DEBRIS or beside_m < POST_BESIDE_M:
-        return False
-    return relief_m >= max(POST_HEIGHT_M, POST_SLENDERNESS * math.sqrt(length_m * width_m))
+    """Whether an obstacle of that size, so far beside the car's course, is a post: nobody is told of it."""
+    return beside_m >= POST_BESIDE_M and is_slender(kind, length_m, width_m, relief_m)
+
+
+def is_slender(kind: ObstacleKind, length_m: float, width_m: float, relief_m: float) -> bool:
+    """Whether an obstacle of that size is upright and slender, as a post is."""
+    return kind is ObstacleKind.DEBRIS and relief_m >= max(
+        POST_HEIGHT_M, POST_SLENDERNESS * math.sqrt(length_m * width_m)
+    )

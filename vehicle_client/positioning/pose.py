@@ -66,7 +66,7 @@ class Pose:
     """Place and attitude of the car at `stamp_s`, in the `enu` frame about `origin`, with what is unsure of it.
 
     `covariance_m2` (2, 2) is of east and north, and holds the error that all fixes of the last minutes share.
-    `bend` is that of the way here.
+    `speed_mps` is below 0 while the car backs; `bend` is that of the way here.
     """
 
     stamp_s: float
@@ -292,7 +292,6 @@ def _pose(estimate: CarEstimate, history: OdometryHistory, frame: LidarFrame, od
     covariance = estimate.plane.state_covariance
     rotation = rotation_about_z(estimate.yaw_rad - yaw_of(odom_from_vehicle))
     enu_from_odom = rigid(rotation, estimate.place_m - rotation @ odom_from_vehicle[:3, 3])
-    speed_mps = float(np.linalg.norm(history.velocity_mps)) if frame.speed_mps is None else frame.speed_mps
     return Pose(
         stamp_s=frame.stamp_s,
         origin=estimate.origin,
@@ -300,7 +299,7 @@ def _pose(estimate: CarEstimate, history: OdometryHistory, frame: LidarFrame, od
         enu_from_vehicle=enu_from_odom @ odom_from_vehicle,
         covariance_m2=covariance[:2, :2],
         altitude_sd_m=estimate.height.sd_m,
-        speed_mps=speed_mps,
+        speed_mps=history.speed_mps if frame.speed_mps is None else frame.speed_mps,
         heading_sd_rad=math.hypot(math.sqrt(float(covariance[YAW, YAW])), MOUNTED_YAW_SD_RAD),
         bend=history.bend,
     )

@@ -12,7 +12,7 @@ from typer.testing import CliRunner
 
 from evaluation.pose_drives import NO_POINTS, ORIGIN, PoseDrive, local_fix
 from evaluation.pose_receivers import simulated_drive
-from evaluation.warned import SOON_S, SPACING_M, as_driven, straight_ahead, warned
+from evaluation.warned import SEEN_FROM_M, SOON_S, SPACING_M, as_driven, straight_ahead, warned, warned_by_own
 from headsup.cli import app
 from tests.unit.vehicle_client.making import NOON_S, planar
 from vehicle_client.sources.frame import LidarFrame
@@ -57,6 +57,27 @@ def test_what_lies_straight_ahead_where_the_car_turns_is_a_wrong_warning() -> No
     assert warned(drive_along([*round_the_block, (0, 200)]), as_driven, seed=1).wrong == 0
     turns_before = warned(drive_along([*round_the_block, (0, -25), (-80, -25)]), as_driven, seed=1)
     assert turns_before.wrong > 0
+
+
+def test_by_the_own_lidar_too_fewer_are_warned_late_with_the_bend_and_of_less_beside_the_way() -> None:
+    drive = simulated_drive("memory of 100 s", 3, seconds=240.0)
+    straight, bend = (warned_by_own(drive, way, seed=1) for way in (straight_ahead, as_driven))
+    assert np.array_equal(straight.believed_s, bend.believed_s)
+    for of in (straight, bend):
+        assert (of.ahead_s <= of.believed_s).all()
+        assert (of.believed_s < SEEN_FROM_M).all()
+    early = bend.believed_s >= 1.5
+    assert (bend.ahead_s[early] < 1.5).sum() < (straight.ahead_s[early] < 1.5).sum()
+    assert (bend.beside_ahead_s > 0).sum() < (straight.beside_ahead_s > 0).sum()
+    assert bend.flickers <= straight.flickers
+
+
+def test_on_a_straight_way_the_own_lidar_warns_of_all_that_lies_in_the_lane_and_of_nothing_beside_it() -> None:
+    of = warned_by_own(drive_along([(0, 0), (300, 0)]), as_driven, seed=1)
+    # Believed after three sweeps from within 25 m, at 10 m/s; and soon after the first pose is known.
+    assert of.ahead_s[5:] == pytest.approx(of.believed_s[5:], abs=1e-6)
+    assert of.believed_s[5:] == pytest.approx(2.25, abs=0.06)
+    assert (len(of.beside_ahead_s), of.beside_ahead_s.max(), of.flickers) == (26, 0.0, 0)
 
 
 def test_a_folder_without_the_drives_is_refused_with_what_is_missing(tmp_path_factory: pytest.TempPathFactory) -> None:

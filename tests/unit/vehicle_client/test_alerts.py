@@ -21,6 +21,7 @@ from vehicle_client.alerts import (
     MIN_DISTANCE_M,
     STAGES,
     STANDSTILL_MPS,
+    STAYS_M,
     TITLES,
     Alerts,
     Stage,
@@ -29,7 +30,7 @@ from vehicle_client.alerts import (
 )
 from vehicle_client.obstacle_map import ObstacleMap
 from vehicle_client.tracking import Track
-from vehicle_client.way_ahead import Bend
+from vehicle_client.way_ahead import CHANGES_WITHIN_M, Bend
 
 EAST = math.pi / 2
 
@@ -296,10 +297,49 @@ def test_what_the_own_lidar_sees_on_the_outside_of_a_bend_stands_beside_the_way(
     assert [h.track_id for h in told_as_well] == [1, 2], "what the server warns of is warned of"
 
 
-def test_while_a_bend_begins_or_ends_what_the_own_lidar_sees_on_either_way_is_ahead() -> None:
-    straight_on = (track_at(25.0, 0.0, 1),)
-    assert in_bend(map_of(), straight_on).hazards == ()
-    assert in_bend(map_of(), straight_on, sd_per_m=LEFT_BEND / 2).hazards
+UNSURE = LEFT_BEND / 2
+"""Of a bend that begins or ends."""
+
+
+def test_while_a_bend_begins_or_ends_the_own_lidar_warns_late_rather_than_wrongly() -> None:
+    """Here it leads 1.3 m farther to the left than straight on, give or take 0.6 m."""
+    on_bend, straight_on, beside = (track_at(16.0, y, number) for number, y in enumerate((1.3, -1.4, -3.5), start=1))
+    tracks = (on_bend, straight_on, beside)
+    for speed_mps, numbers in ((5.0, {1}), (16 / 1.5, {1, 2})):
+        pose = replace(pose_at(speed_mps=speed_mps), bend=Bend(LEFT_BEND, UNSURE))
+        assert {h.track_id for h in choose(Alerts(), map_of(), tracks, pose, NOON_S).hazards} == numbers
+
+
+@given(st.floats(0, 8), st.floats(0, 1.75), st.floats(2, 30), st.floats(0, 30))
+def test_what_the_own_lidar_warns_of_at_a_distance_it_would_warn_of_nearer_by_too(
+    beside_m: float, sd_m: float, near_m: float, farther_m: float
+) -> None:
+    def warns(ahead_m: float) -> bool:
+        pose = replace(pose_at(), bend=Bend(0.0, 2 * sd_m / min(ahead_m, CHANGES_WITHIN_M) ** 2))
+        return bool(choose(Alerts(), map_of(), (track_at(ahead_m, beside_m),), pose, NOON_S).hazards)
+
+    assert warns(near_m) or not warns(near_m + farther_m)
+
+
+def test_a_marker_that_is_shown_does_not_flicker_where_its_place_wavers() -> None:
+    alerts = told(map_of(), (track_at(20.0, CORRIDOR_M - 0.1),))
+    for beside_m in (CORRIDOR_M + 0.3, CORRIDOR_M - 0.2, CORRIDOR_M + 0.4):
+        alerts = told(map_of(), (track_at(20.0, beside_m),), previous=alerts)
+        assert alerts.hazards
+    assert not told(map_of(), (track_at(20.0, CORRIDOR_M + STAYS_M + 0.1),), previous=alerts).hazards
+    assert not told(map_of(), (track_at(20.0, CORRIDOR_M + 0.3),)).hazards
+
+
+def test_a_car_that_backs_is_not_warned_of_what_lies_in_front_of_it() -> None:
+    assert told(map_of(feature(east_m=50)), (track_at(10, 0),), speed_mps=-3.0).hazards == ()
+
+
+def test_a_slender_thing_that_may_stand_in_the_own_lane_is_no_post_beside_it() -> None:
+    cone = replace(track_at(12.0, 2.0, kind=ObstacleKind.DEBRIS), length_m=0.3, width_m=0.3, relief_m=0.7)
+    assert not in_bend(map_of(), (cone,), curvature_per_m=0.0).hazards
+    announced = in_bend(map_of(), (cone,), curvature_per_m=0.0, sd_per_m=UNSURE)
+    assert announced.hazards
+    assert choose(announced, map_of(), (cone,), pose_at(), NOON_S).hazards, "what was announced stays so"
 
 
 def test_in_a_bend_a_cone_in_the_own_lane_is_no_post_beside_it() -> None:

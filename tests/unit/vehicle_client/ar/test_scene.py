@@ -43,7 +43,9 @@ def hazard(
     centre = np.array([distance_m, beside_m, 0.0])
     track = 3 if recognised else None
     arrival_s = distance_m / speed_mps
-    return Hazard(kind, stage, distance_m, arrival_s, centre, length_m, 0.7, 0.4, beside_m, 0.0, UUID(int=1), track)
+    return Hazard(
+        kind, stage, distance_m, arrival_s, centre, length_m, 0.7, 0.4, beside_m, 0.0, 2.5, UUID(int=1), track
+    )
 
 
 def scene_of(*hazards: Hazard, camera: CameraCalibration | None = None, fresh: bool = True, note: str = "") -> Scene:

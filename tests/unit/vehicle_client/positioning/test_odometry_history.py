@@ -10,7 +10,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tests.unit.vehicle_client.making import NOON_S, planar
-from vehicle_client.positioning.odometry_history import BEND_WAY_M, YAW_SD_RAD, OdometryHistory
+from vehicle_client.positioning.odometry_history import (
+    BEND_WAY_M,
+    UNSURE_SHARE,
+    YAW_SD_RAD,
+    OdometryHistory,
+)
 from vehicle_client.way_ahead import Bend
 
 
@@ -34,9 +39,16 @@ def test_a_car_on_a_circle_knows_its_curvature_forwards_and_backwards(
     bend = driven(speed_mps, curvature_per_m, yaw_rad=yaw_rad).bend
     # A chord, seen along the axis that the car had at its begin, is shorter than its arc.
     assert bend.curvature_per_m == pytest.approx(curvature_per_m, rel=turn_rad**2, abs=1e-9)
-    # Half a second at least, and 3 m; less only the noise of a yaw at either end.
+    # The noise of a yaw at either end, half a second and 3 m at least from each other; and no bend is for ever.
     measured_m = max(BEND_WAY_M, abs(speed_mps) * 0.5)
-    assert YAW_SD_RAD * 1.3 / (measured_m + 0.2 * abs(speed_mps)) < bend.sd_per_m < YAW_SD_RAD * 1.5 / measured_m
+    ends_per_m = UNSURE_SHARE * abs(curvature_per_m)
+    assert math.hypot(YAW_SD_RAD * 1.3 / (measured_m + 0.2 * abs(speed_mps)), ends_per_m * 0.95) < bend.sd_per_m
+    assert bend.sd_per_m < math.hypot(YAW_SD_RAD * 1.5 / measured_m, ends_per_m * 1.05)
+
+
+@given(st.floats(0.1, 40) | st.floats(-10, -0.1), st.floats(-0.1, 0.1), st.floats(-math.pi, math.pi))
+def test_the_speed_of_a_car_that_backs_is_below_0(speed_mps: float, curvature_per_m: float, yaw_rad: float) -> None:
+    assert driven(speed_mps, curvature_per_m, yaw_rad=yaw_rad).speed_mps == pytest.approx(speed_mps, rel=1e-6)
 
 
 @given(st.floats(-1.8, 1.8), st.floats(-10, 10))
@@ -59,6 +71,7 @@ def test_half_a_second_after_a_bend_the_way_is_straight_and_said_to_be_changing(
 
 def test_before_the_second_pose_nothing_is_known() -> None:
     assert OdometryHistory().bend == driven(10.0).bend == Bend()
+    assert OdometryHistory().speed_mps == driven(10.0).speed_mps == 0.0
 
 
 def test_after_a_gap_the_last_step_tells_the_bend() -> None:
