@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import errno
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -14,13 +14,11 @@ from rosbags.typesys import Stores, get_typestore
 from scipy.spatial.transform import Rotation
 
 from vehicle_client.frames import Matrix, yaw_from_heading
+from vehicle_client.recording import ros_covariances
 from vehicle_client.sources.frame import GnssFix, LidarFrame
 
 POINT = np.dtype([("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("time", "<f4"), ("ring", "<u2"), ("none", "<u2")])
 DATATYPES = {"<f4": 7, "<u2": 4}
-HEADING_SD_RAD = math.radians(0.3)
-"""What is stated of a heading: antennas 2 m apart, or a good inertial unit."""
-
 STORE = get_typestore(Stores.ROS2_HUMBLE)
 
 
@@ -34,8 +32,8 @@ def write_bag(folder: Path, frames: Iterable[LidarFrame]) -> Path:
         raise FileExistsError(errno.EEXIST, "is there already; give a new name", str(folder))
     with rosbags.rosbag2.Writer(folder, version=8) as writer:
         connections: dict[str, Any] = {}
-        for frame in frames:
-            for topic, message in _said(frame):
+        for frame, way_m in _with_ways(frames):
+            for topic, message in _said(frame, way_m):
                 kind = message.__msgtype__
                 if topic not in connections:
                     connections[topic] = writer.add_connection(topic, kind, typestore=STORE)
@@ -43,13 +41,24 @@ def write_bag(folder: Path, frames: Iterable[LidarFrame]) -> Path:
     return folder
 
 
-def _said(frame: LidarFrame) -> Iterable[tuple[str, Any]]:
+def _with_ways(frames: Iterable[LidarFrame]) -> Iterator[tuple[LidarFrame, float]]:
+    """Each frame with the way since the first one, by its odometry."""
+    way_m, last = 0.0, None
+    for frame in frames:
+        here = frame.odom_from_vehicle
+        if here is not None and last is not None:
+            way_m += float(np.linalg.norm(here[:3, 3] - last[:3, 3]))
+        last = last if here is None else here
+        yield frame, way_m
+
+
+def _said(frame: LidarFrame, way_m: float) -> Iterable[tuple[str, Any]]:
     if frame.gnss is not None:
         yield "/gnss/fix", _fix(frame.stamp_s, frame.gnss)
         if frame.gnss.heading_rad is not None:
             yield "/imu/data", _imu(frame.stamp_s, yaw_from_heading(frame.gnss.heading_rad))
     if frame.odom_from_vehicle is not None:
-        yield "/odom", _odometry(frame.stamp_s, frame.odom_from_vehicle, frame.speed_mps or 0.0)
+        yield "/odom", _odometry(frame, frame.odom_from_vehicle, way_m)
     yield "/lidar/points", _cloud(frame)
 
 
@@ -106,29 +115,31 @@ def _imu(stamp_s: float, yaw_rad: float) -> Any:
         "sensor_msgs/msg/Imu",
         header=_header(stamp_s, "imu"),
         orientation=turned,
-        orientation_covariance=np.diag([1e-4, 1e-4, HEADING_SD_RAD**2]).ravel(),
+        orientation_covariance=ros_covariances.of_heading(),
         angular_velocity=_vector(0.0, 0.0, 0.0),
-        # Minus one: this unit says nothing of it (sensor_msgs/Imu).
-        angular_velocity_covariance=np.full(9, -1.0),
-        linear_acceleration=_vector(0.0, 0.0, 9.81),
-        linear_acceleration_covariance=np.zeros(9),
+        angular_velocity_covariance=ros_covariances.unsaid(),
+        linear_acceleration=_vector(0.0, 0.0, 0.0),
+        linear_acceleration_covariance=ros_covariances.unsaid(),
     )
 
 
-def _odometry(stamp_s: float, odom_from_vehicle: Matrix, speed_mps: float) -> Any:
+def _odometry(frame: LidarFrame, odom_from_vehicle: Matrix, way_m: float) -> Any:
     x, y, z = map(float, odom_from_vehicle[:3, 3])
     pose = _of(
         "geometry_msgs/msg/Pose",
         position=_of("geometry_msgs/msg/Point", x=x, y=y, z=z),
         orientation=_quaternion(odom_from_vehicle[:3, :3]),
     )
-    twist = _of("geometry_msgs/msg/Twist", linear=_vector(speed_mps, 0.0, 0.0), angular=_vector(0.0, 0.0, 0.0))
+    speed = _vector(frame.speed_mps or 0.0, 0.0, 0.0)
+    twist = _of("geometry_msgs/msg/Twist", linear=speed, angular=_vector(0.0, 0.0, 0.0))
+    pose_covariance = ros_covariances.of_odometry(odom_from_vehicle, way_m)
+    twist_covariance = ros_covariances.of_speed(frame.speed_mps)
     return _of(
         "nav_msgs/msg/Odometry",
-        header=_header(stamp_s, "odom"),
+        header=_header(frame.stamp_s, "odom"),
         child_frame_id="base_link",
-        pose=_of("geometry_msgs/msg/PoseWithCovariance", pose=pose, covariance=np.zeros(36)),
-        twist=_of("geometry_msgs/msg/TwistWithCovariance", twist=twist, covariance=np.zeros(36)),
+        pose=_of("geometry_msgs/msg/PoseWithCovariance", pose=pose, covariance=pose_covariance),
+        twist=_of("geometry_msgs/msg/TwistWithCovariance", twist=twist, covariance=twist_covariance),
     )
 
 
