@@ -16,8 +16,8 @@ def bags(out: Annotated[Path, typer.Option("--out", help="A new or empty folder 
     """Write two drives along one street as ROS 2 bags, with the calibration of both cars: first, second and car.toml.
 
     The first car passes two potholes, a bump and a broken pallet; the second one comes towards them and is still too
-    far away to see any. Each bag holds a LiDAR's sweeps (PointCloud2), fixes, headings and odometry. Takes ten seconds
-    and 80 MB; docs/vehicle.md goes on from here.
+    far away to see any. Each bag holds a LiDAR's sweeps (PointCloud2), fixes, headings, odometry and
+    transforms. Takes ten seconds and 80 MB; docs/vehicle.md goes on from here.
 
     Example:
 
@@ -51,6 +51,8 @@ def _write(bag: Path, car: SimulatedSource) -> None:
     from rich.console import Console
     from rich.progress import track
 
+    from headsup.demo.simulated import calibration
     from vehicle_client.recording.ros_bag import write_bag
 
-    write_bag(bag, track(car, bag.name, len(car), console=Console(stderr=True), transient=True))
+    frames = track(car, bag.name, len(car), console=Console(stderr=True), transient=True)
+    write_bag(bag, frames, calibration().vehicle_from_sensor)

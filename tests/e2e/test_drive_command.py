@@ -14,6 +14,8 @@ from typing import Any
 
 import numpy as np
 import pytest
+from rosbags.rosbag2 import Reader
+from rosbags.typesys import Stores, get_typestore
 from typer.testing import CliRunner
 
 from contract.geometry import Kind, LatLon
@@ -22,6 +24,7 @@ from headsup.cli import app
 from headsup.simulate.street_bags import street
 from tests.integration.serving import Served, served
 from vehicle_client.area import distance_m
+from vehicle_client.sensing.calibration_file import read_calibration
 from vehicle_client.sources.opening import SourceOptions, open_source
 
 COMMAND = (sys.executable, "-m", "headsup.cli", "drive")
@@ -128,6 +131,20 @@ def test_bags_are_written_to_a_new_folder_only_and_are_the_same_every_time(bags:
     ):
         assert (one.stamp_s, one.gnss) == (other.stamp_s, other.gnss)
         assert np.array_equal(one.points_m, other.points_m)
+
+
+def test_the_bags_transforms_place_the_lidar_where_car_toml_does(bags: Path) -> None:
+    calibrated = read_calibration(bags / "car.toml").vehicle.vehicle_from_sensor
+    for name in ("first", "second"):
+        with Reader(bags / name) as reader:
+            wanted = [connection for connection in reader.connections if connection.topic == "/tf_static"]
+            ((connection, _, data),) = reader.messages(wanted)
+        mounting = get_typestore(Stores.ROS2_HUMBLE).deserialize_cdr(data, connection.msgtype)
+        (lidar,) = (placed for placed in mounting.transforms if placed.child_frame_id == "lidar")
+        at, turn = lidar.transform.translation, lidar.transform.rotation
+        assert [at.x, at.y, at.z] == calibrated[:3, 3].tolist()
+        assert [turn.x, turn.y, turn.z, turn.w] == [0.0, 0.0, 0.0, 1.0]
+        assert np.array_equal(calibrated[:3, :3], np.eye(3))
 
 
 def test_a_drive_that_is_told_to_end_ends_in_order_with_its_recording_and_its_counts(

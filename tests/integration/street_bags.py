@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path
 
+from headsup.demo.simulated import calibration
 from headsup.simulate.street_bags import first_car, second_car, street
 from simulator.streets.street import Street
 from simulator.world import World
@@ -29,5 +30,6 @@ def make_bags(folder: Path) -> StreetBags:
     world = World(along)
     first = list(first_car(world))
     # The first obstacle lies 68 m from the begin, 1.4 m a frame.
+    mounted = calibration().vehicle_from_sensor
     bags = (("first", first), ("part", islice(first, 25, 60)), ("next", second_car(world)))
-    return StreetBags(along, *(write_bag(folder / name, frames) for name, frames in bags))
+    return StreetBags(along, *(write_bag(folder / name, frames, mounted) for name, frames in bags))

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 import rosbags.rosbag2
+from rosbags.interfaces import Qos, QosDurability, QosHistory, QosLiveliness, QosReliability, QosTime
 from rosbags.typesys import Stores, get_typestore
 from scipy.spatial.transform import Rotation
 
@@ -20,24 +21,40 @@ from vehicle_client.sources.frame import GnssFix, LidarFrame
 POINT = np.dtype([("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("time", "<f4"), ("ring", "<u2"), ("none", "<u2")])
 DATATYPES = {"<f4": 7, "<u2": 4}
 STORE = get_typestore(Stores.ROS2_HUMBLE)
+UNSTATED = QosTime(0, 0)
+LATCHED = Qos(
+    QosHistory.KEEP_LAST,
+    1,
+    QosReliability.RELIABLE,
+    QosDurability.TRANSIENT_LOCAL,
+    UNSTATED,
+    UNSTATED,
+    QosLiveliness.AUTOMATIC,
+    UNSTATED,
+    avoid_ros_namespace_conventions=False,
+)
+"""Kept for whoever subscribes later, as tf2 offers and asks for `/tf_static`, which is said once."""
+
+QOS = {"/tf_static": (LATCHED,)}
 
 
-def write_bag(folder: Path, frames: Iterable[LidarFrame]) -> Path:
-    """Write `/lidar/points`, `/gnss/fix`, `/imu/data` with the fix's heading, and `/odom` to a new folder.
+def write_bag(folder: Path, frames: Iterable[LidarFrame], vehicle_from_sensor: Matrix) -> Path:
+    """Write `/lidar/points`, `/gnss/fix`, `/imu/data` with the fix's heading, `/odom`, `/tf`, `/tf_static` to a folder.
 
-    Points have x, y, z, ring and time (seconds from the frame's stamp). Pictures, steering and earlier fixes of a frame
-    stay behind. `FileExistsError` if the folder is there.
+    Points have x, y, z, ring and time (seconds after the stamp, the sweep's end: zero or negative). The vehicle's frame
+    is `base_link` (REP 105); fixes and headings are of its origin. Pictures, steering and earlier fixes of a frame stay
+    behind. `FileExistsError` if the folder is there.
     """
     if folder.exists():
         raise FileExistsError(errno.EEXIST, "is there already; give a new name", str(folder))
     with rosbags.rosbag2.Writer(folder, version=8) as writer:
         connections: dict[str, Any] = {}
-        for frame, way_m in _with_ways(frames):
-            for topic, message in _said(frame, way_m):
-                kind = message.__msgtype__
-                if topic not in connections:
-                    connections[topic] = writer.add_connection(topic, kind, typestore=STORE)
-                writer.write(connections[topic], round(frame.stamp_s * 1e9), STORE.serialize_cdr(message, kind))
+        for stamp_s, topic, message in _said(frames, vehicle_from_sensor):
+            kind = message.__msgtype__
+            if topic not in connections:
+                qos = QOS.get(topic, ())
+                connections[topic] = writer.add_connection(topic, kind, typestore=STORE, offered_qos_profiles=qos)
+            writer.write(connections[topic], round(stamp_s * 1e9), STORE.serialize_cdr(message, kind))
     return folder
 
 
@@ -52,13 +69,24 @@ def _with_ways(frames: Iterable[LidarFrame]) -> Iterator[tuple[LidarFrame, float
         yield frame, way_m
 
 
-def _said(frame: LidarFrame, way_m: float) -> Iterable[tuple[str, Any]]:
+def _said(frames: Iterable[LidarFrame], vehicle_from_sensor: Matrix) -> Iterator[tuple[float, str, Any]]:
+    """Stamp, topic and message."""
+    for index, (frame, way_m) in enumerate(_with_ways(frames)):
+        if index == 0:
+            yield frame.stamp_s, "/tf_static", _mounting(frame.stamp_s, vehicle_from_sensor)
+        for topic, message in _said_of(frame, way_m):
+            yield frame.stamp_s, topic, message
+
+
+def _said_of(frame: LidarFrame, way_m: float) -> Iterator[tuple[str, Any]]:
     if frame.gnss is not None:
         yield "/gnss/fix", _fix(frame.stamp_s, frame.gnss)
         if frame.gnss.heading_rad is not None:
             yield "/imu/data", _imu(frame.stamp_s, yaw_from_heading(frame.gnss.heading_rad))
     if frame.odom_from_vehicle is not None:
         yield "/odom", _odometry(frame, frame.odom_from_vehicle, way_m)
+        placed = _transform(frame.stamp_s, "odom", "base_link", frame.odom_from_vehicle)
+        yield "/tf", _of("tf2_msgs/msg/TFMessage", transforms=[placed])
     yield "/lidar/points", _cloud(frame)
 
 
@@ -70,6 +98,22 @@ def _header(stamp_s: float, frame: str) -> Any:
     seconds, nanoseconds = divmod(round(stamp_s * 1e9), 10**9)
     stamp = _of("builtin_interfaces/msg/Time", sec=seconds, nanosec=nanoseconds)
     return _of("std_msgs/msg/Header", stamp=stamp, frame_id=frame)
+
+
+def _mounting(stamp_s: float, vehicle_from_sensor: Matrix) -> Any:
+    places = {"lidar": vehicle_from_sensor, "gnss": np.eye(4), "imu": np.eye(4)}
+    transforms = [_transform(stamp_s, "base_link", name, place) for name, place in places.items()]
+    return _of("tf2_msgs/msg/TFMessage", transforms=transforms)
+
+
+def _transform(stamp_s: float, a: str, b: str, a_from_b: Matrix) -> Any:
+    """It takes points of b into a: a is the parent, and b the child."""
+    placed = _of(
+        "geometry_msgs/msg/Transform",
+        translation=_vector(*map(float, a_from_b[:3, 3])),
+        rotation=_quaternion(a_from_b[:3, :3]),
+    )
+    return _of("geometry_msgs/msg/TransformStamped", header=_header(stamp_s, a), child_frame_id=b, transform=placed)
 
 
 def _cloud(frame: LidarFrame) -> Any:
