@@ -152,7 +152,7 @@ def _run(asked: Asked, ending: Ending) -> Outcome:
         status = None if link is None else link.status
     if isinstance(link, BackgroundLink) and status is not None:
         # What the end of the link still brought.
-        totals.answers.update(result.status.value for result in link.deliver())
+        totals.add_answers(link.deliver())
         status = replace(status, waiting=link.status.waiting, fates=link.status.fates)
     return Outcome(
         asked,

@@ -62,6 +62,8 @@ def _lines(outcome: Outcome) -> Iterator[tuple[str, str]]:
     yield "measured after they were passed", _with(totals.measured.total(), totals.measured)
     yield "reports", _with(totals.reports, {"obstacles": totals.reported, **totals.inspected})
     yield "answered", _with(totals.answers.total(), totals.answers)
+    if totals.refusals:
+        yield "rejected", _with(totals.refusals.total(), totals.refusals)
     yield "obstacles warned of", str(totals.warned)
     p50_ms, p95_ms = (totals.latency.percentile_ms(percent) for percent in (50, 95))
     if outcome.asked.is_realtime and p50_ms is not None and p95_ms is not None:

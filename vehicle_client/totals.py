@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import re
 from collections import Counter
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from contract.observation import ReportResult, ReportStatus
 from vehicle_client.alerts import Alerts, Stage
 from vehicle_client.drive import Measured, Step
 from vehicle_client.moments import Moment, why_untold
@@ -71,6 +73,8 @@ class Totals:
     """Inspections in reports, by outcome."""
     answers: Counter[str] = field(default_factory=Counter)
     """Reports that were answered, by status."""
+    refusals: Counter[str] = field(default_factory=Counter)
+    """Of those, what was rejected, by reason: the server's code, or why it was given up here."""
     warned: int = 0
     """Obstacles that the driver was warned of."""
     latency: Latency = field(default_factory=Latency)
@@ -105,7 +109,15 @@ class Totals:
         self.reports += len(step.reports)
         self.reported += sum(len(report.detections) for report in step.reports)
         self.inspected.update(i.outcome.value for report in step.reports for i in report.inspections)
-        self.answers.update(answer.result.status.value for answer in step.answers)
+        self.add_answers(answer.result for answer in step.answers)
+
+    def add_answers(self, results: Iterable[ReportResult]) -> None:
+        """Count what became of reports."""
+        for result in results:
+            self.answers[result.status.value] += 1
+            if result.status is ReportStatus.REJECTED:
+                # What follows a colon is about one report, and in the log.
+                self.refusals[(result.reason or "no reason given").partition(":")[0]] += 1
 
     def _add_warned(self, shown: Alerts) -> None:
         warned = [hazard.keys for hazard in shown.hazards if hazard.stage >= Stage.WARN]
@@ -128,7 +140,7 @@ class Totals:
             "reports",
         )
         counted = {name: getattr(self, name) for name in (*names, "reported", "warned")}
-        by_name = ("reasons", "measured", "inspected", "answers")
+        by_name = ("reasons", "measured", "inspected", "answers", "refusals")
         latency = {f"p{percent}_ms": self.latency.percentile_ms(percent) for percent in (50, 95, 99)}
         return counted | {name: dict(getattr(self, name)) for name in by_name} | {"stamp_to_alert": latency}
 

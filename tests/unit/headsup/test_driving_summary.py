@@ -1,11 +1,15 @@
-"""What the end of a drive says of the server."""
+"""What the end of a drive says of its reports and of the server."""
 
 from __future__ import annotations
 
+from collections import Counter
+
 import pytest
 
-from headsup.driving_summary import in_words
+from headsup.driving import Asked, Outcome
+from headsup.driving_summary import in_words, show
 from vehicle_client.link.server_link import LinkStatus
+from vehicle_client.totals import Totals
 
 SERVER = "https://hazards.example"
 
@@ -30,3 +34,20 @@ def test_the_server_s_line_says_what_is_wrong_and_what_waits(
     way: str, waiting: int, trouble: str | None, unreached_s: float | None, said: str
 ) -> None:
     assert in_words(LinkStatus(way, waiting, 0, trouble, {}, unreached_s), SERVER) == said
+
+
+def summary(totals: Totals, capsys: pytest.CaptureFixture[str]) -> dict[str, str]:
+    show(Outcome(Asked(source="bag"), totals, skipped=0, dropped=0, stalls=0, link=None, recording_stopped=None))
+    rows = (line.split("│") for line in capsys.readouterr().out.splitlines() if "│" in line)
+    return {name.strip(): value.strip() for _, name, value, _ in rows}
+
+
+def test_a_drive_says_why_its_reports_were_rejected(capsys: pytest.CaptureFixture[str]) -> None:
+    answers = Counter(rejected=8, accepted=1)
+    said = summary(Totals(answers=answers, refusals=Counter({"too-old": 7, "withheld": 1})), capsys)
+    assert said["answered"] == "9 (rejected 8, accepted 1)"
+    assert said["rejected"] == "8 (too-old 7, withheld 1)"
+
+
+def test_a_drive_whose_reports_were_all_taken_speaks_of_no_rejection(capsys: pytest.CaptureFixture[str]) -> None:
+    assert "rejected" not in summary(Totals(answers=Counter(accepted=5)), capsys)
