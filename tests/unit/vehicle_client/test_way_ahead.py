@@ -9,9 +9,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tests.unit.vehicle_client.making import NOON_S, planar
-from vehicle_client.alerts import CORRIDOR_M
-from vehicle_client.positioning.odometry_history import OdometryHistory
 from vehicle_client.way_ahead import BEND_RAD, CHANGES_WITHIN_M, HALF_LANE_M, Bend, along_bend, on_way, straight_on
 
 curvatures = st.floats(0.001, 0.2) | st.floats(-0.2, -0.001)
@@ -82,37 +79,3 @@ def test_what_a_change_makes_unsure_grows_until_it_has_changed_and_no_wider_than
     assert (
         bend.beside_sd_m(near_m) <= bend.beside_sd_m(far_m) == bend.beside_sd_m(CHANGES_WITHIN_M) <= HALF_LANE_M == 1.75
     )
-
-
-STEP_M = 0.1
-
-
-def lane(radius_m: float, clothoid_m: float, arc_m: float) -> np.ndarray:
-    """x, y and heading (N, 3) every `STEP_M` of a straight, a clothoid, an arc to the left, a clothoid, a straight."""
-    ends_m = np.cumsum([0.0, 60.0, clothoid_m, arc_m, clothoid_m, 80.0])
-    curvature = np.interp(np.arange(0, ends_m[-1], STEP_M), ends_m, [0.0, 0.0, 1 / radius_m, 1 / radius_m, 0.0, 0.0])
-    heading = np.cumsum(curvature) * STEP_M
-    return np.stack([np.cumsum(np.cos(heading)) * STEP_M, np.cumsum(np.sin(heading)) * STEP_M, heading], axis=1)
-
-
-@pytest.mark.parametrize("radius_m", [60.0, 100.0, 250.0])
-@pytest.mark.parametrize("left_m", [-1.0, 0.0, 1.0])
-@pytest.mark.parametrize("noise_rad", [0.0, math.radians(0.2)])
-def test_at_50_km_h_what_lies_in_the_own_lane_is_on_the_bend_from_20_m_on_also_where_that_begins_and_ends(
-    radius_m: float, left_m: float, noise_rad: float
-) -> None:
-    """By the straight line it would lie beside the way until it is 10 to 15 m ahead."""
-    rng, way, history = np.random.default_rng(1), lane(radius_m, 40.0, 40.0), OdometryHistory()
-    for number, here in enumerate(range(0, len(way) - round(30 / STEP_M), round(1.4 / STEP_M))):
-        x, y, heading = way[here]
-        history = history.with_pose(NOON_S + number / 10, planar(x, y, heading + rng.normal(0.0, noise_rad)))
-        if number < 5:
-            continue
-        for ahead_m in range(4, 21, 2):
-            there_x, there_y, there = way[here + round(ahead_m / STEP_M)]
-            offset = [there_x - left_m * math.sin(there) - x, there_y + left_m * math.cos(there) - y]
-            place = np.array([[math.cos(heading), math.sin(heading)], [-math.sin(heading), math.cos(heading)]]) @ offset
-            bend = history.bend
-            along_m, beside_m = along_bend(place, bend.curvature_per_m)
-            assert abs(beside_m) < CORRIDOR_M + 2 * bend.beside_sd_m(along_m)
-            assert along_m == pytest.approx(ahead_m, abs=1.0)
