@@ -30,6 +30,19 @@ RECEIVER_DELAY_S = 0.095
 STEERING_RATIO = 15.4
 """Steering wheel to front wheels of a Honda Civic, openpilot's table of cars."""
 
+RECORDED = (
+    "frame_times",
+    "positions_ecef",
+    "velocities",
+    "gnss_t",
+    "gnss",
+    "speed_t",
+    "speed",
+    "steer_t",
+    "steer",
+)
+"""The arrays of comma2k19's drive that are read here."""
+
 ORIGIN = GeoOrigin(LatLon(latitude_deg=49.01, longitude_deg=8.43), 115.0)
 """Where simulated drives and KITTI's local metres are put on the earth: Karlsruhe."""
 
@@ -56,10 +69,10 @@ def recorded_city_drive(folder: Path, *, known_delay_s: float | None = None, ste
     path = folder / "drive_comma" / "drive.npz"
     try:
         with np.load(path) as file:
-            data = {name: file[name] for name in file.files}
-        stamps, ecef = data["frame_times"], data["positions_ecef"]
-    except (OSError, ValueError, KeyError) as error:
+            data = {name: np.asarray(file[name], dtype=float) for name in RECORDED}
+    except Exception as error:  # NumPy's and zipfile's parsers raise a dozen types where bytes make no sense
         raise SourceError(f"{path}: expected comma2k19's drive.npz ({error})") from error
+    stamps, ecef = data["frame_times"], data["positions_ecef"]
     latitude, longitude, altitude = (np.asarray(v, dtype=float) for v in pymap3d.ecef2geodetic(*ecef.T))
     origin = GeoOrigin(LatLon(latitude_deg=latitude[0], longitude_deg=longitude[0]), float(altitude[0]))
     place = _enu(origin, ecef)

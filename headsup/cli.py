@@ -15,6 +15,9 @@ from headsup.policy_command import policy_app
 from headsup.server_commands import serve
 from headsup.simulate.app import simulate_app
 
+NOWHERE_TO_KEEP = "no locator available"
+"""Numba's words where it can write neither beside the program, nor in the user's cache."""
+
 OUR_PACKAGES = ("contract", "detector", "vehicle_client", "server", "simulator", "evaluation", "headsup", "migrations")
 
 app = typer.Typer(
@@ -45,6 +48,13 @@ def main() -> None:
             raise
         raise SystemExit(
             f"headsup: {error.name} is not installed; run `make setup`, or pip install '.[all]' in the project's folder"
+        ) from None
+    except RuntimeError as error:
+        if NOWHERE_TO_KEEP not in str(error):
+            raise
+        raise SystemExit(
+            "headsup: compiled loops can be kept neither beside the program nor in the home folder; "
+            "set NUMBA_CACHE_DIR to a folder that can be written"
         ) from None
 
 

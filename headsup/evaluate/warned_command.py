@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, NoReturn
 
 import typer
 
@@ -27,7 +27,7 @@ def warned(
         typer.Option(
             "--data",
             envvar="HEADSUP_DATA",
-            help="Folder with drive_comma/drive.npz and kitti00; without it only simulated drives.",
+            help="Folder with any of drive_comma/drive.npz and kitti00; without it only simulated drives.",
         ),
     ] = None,
     drives: Annotated[int, typer.Option("--drives", min=1, max=1_000, help="Simulated town drives.")] = DRIVES,
@@ -58,10 +58,11 @@ def warned(
     try:
         recorded = [] if data is None else list(_recorded(data))
     except (SourceError, OSError) as error:
-        typer.secho(f"headsup evaluate warned: {error}", err=True, fg=typer.colors.RED)
-        raise typer.Exit(1) from error
-    jobs = [*recorded, *_simulated(drives)]
-    for seed, drive in enumerate(track(jobs, "drives", console=progress, transient=True)):
+        _refuse(str(error))
+    if data is not None and not recorded:
+        _refuse(f"neither drive_comma/drive.npz nor kitti00 under {data}; give --data the folder of the data sets")
+    jobs = [*enumerate(recorded), *enumerate(_simulated(drives))]
+    for seed, drive in track(jobs, "drives", console=progress, transient=True):
         for name, way in (("straight ahead", straight_ahead), ("with the bend", as_driven)):
             shown.setdefault((drive.name, name), []).append(warned_on(drive, way, seed))
             own.setdefault((drive.name, name), []).append(warned_by_own(drive, way, seed))
@@ -73,8 +74,10 @@ def warned(
 def _recorded(data: Path) -> Iterator[PoseDrive]:
     from evaluation.pose_drives import recorded_city_drive, recorded_loop_drive
 
-    yield recorded_loop_drive(data, seed=1)
-    yield recorded_city_drive(data)
+    if (data / "kitti00").is_dir():
+        yield recorded_loop_drive(data, seed=1)
+    if (data / "drive_comma" / "drive.npz").exists():
+        yield recorded_city_drive(data)
 
 
 def _simulated(drives: int) -> Iterator[PoseDrive]:
@@ -121,3 +124,8 @@ def _print_own(own: dict[tuple[str, str], list[OwnWarned]]) -> None:
             f"{np.median(of_early_s):.1f} s | {len(beside_s)} | {(beside_s > 0).mean():.1%} | "
             f"{sum(w.flickers for w in of)} |"
         )
+
+
+def _refuse(message: str) -> NoReturn:
+    typer.secho(f"headsup evaluate warned: {message}", err=True, fg=typer.colors.RED)
+    raise typer.Exit(1)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sqlite3
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Annotated
 
 import typer
@@ -32,17 +33,19 @@ def bags(out: Annotated[Path, typer.Option("--out", help="A new or empty folder 
             typer.echo(f"headsup simulate bags: {out}: is not empty; give a new or empty folder", err=True)
             raise typer.Exit(1)
         world = World(street())
-        for name, car in (("first", first_car(world)), ("second", second_car(world))):
-            _write(out / name, car)
-        (out / "car.toml").write_text(CAR_TOML, encoding="utf-8")
-    except sqlite3.Error as error:
-        typer.echo(f"headsup simulate bags: {out}: {error}", err=True)
-        raise typer.Exit(1) from None
-    except OSError as error:
-        typer.echo(f"headsup simulate bags: {error.filename or out}: {error.strerror or error}", err=True)
+        with TemporaryDirectory(dir=out, prefix="unfinished-") as unfinished:
+            made = Path(unfinished)
+            for name, car in (("first", first_car(world)), ("second", second_car(world))):
+                _write(made / name, car)
+            (made / "car.toml").write_text(CAR_TOML, encoding="utf-8")
+            for file in sorted(made.iterdir()):
+                file.rename(out / file.name)
+    except (OSError, sqlite3.Error) as error:
+        said = str(error) if isinstance(error, sqlite3.Error) else error.strerror or error
+        typer.echo(f"headsup simulate bags: {out}: {said}; give --out a folder where 80 MB can be written", err=True)
         raise typer.Exit(1) from None
     except KeyboardInterrupt:
-        typer.echo("headsup simulate bags: interrupted; what is in the folder is not whole", err=True)
+        typer.echo("headsup simulate bags: interrupted; no bags were written", err=True)
         raise typer.Exit(130) from None
     typer.echo(f"{out}: first and second, two ROS 2 bags of one street, and car.toml")
 

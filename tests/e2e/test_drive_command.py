@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import errno
 import json
 import os
 import signal
+import sqlite3
 import subprocess
 import sys
 import time
@@ -131,6 +133,34 @@ def test_bags_are_written_to_a_new_folder_only_and_are_the_same_every_time(bags:
     ):
         assert (one.stamp_s, one.gnss) == (other.stamp_s, other.gnss)
         assert np.array_equal(one.points_m, other.points_m)
+
+
+@pytest.mark.parametrize(
+    ("error", "code", "message"),
+    [
+        (OSError(errno.ENOSPC, "No space left on device"), 1, "No space left on device; give --out a folder where"),
+        (
+            sqlite3.OperationalError("database or disk is full"),
+            1,
+            "database or disk is full; give --out a folder where",
+        ),
+        (KeyboardInterrupt(), 130, "interrupted; no bags were written"),
+    ],
+)
+def test_bags_that_cannot_be_finished_leave_an_empty_folder_for_the_next_try(
+    error: BaseException, code: int, message: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def half_written(folder: Path, *_: object) -> None:
+        if folder.name == "first":
+            folder.mkdir()
+            return
+        raise error
+
+    monkeypatch.setattr("vehicle_client.recording.ros_bag.write_bag", half_written)
+    refused = CliRunner().invoke(app, ["simulate", "bags", "--out", str(tmp_path)])
+    assert refused.exit_code == code
+    assert message in refused.stderr
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_the_bags_transforms_place_the_lidar_where_car_toml_does(bags: Path) -> None:

@@ -191,6 +191,14 @@ def test_on_recorded_loops_with_a_fix_a_second_the_pose_is_honest() -> None:
 def test_a_folder_that_is_not_the_recording_is_refused(tmp_path: Path) -> None:
     with pytest.raises(SourceError, match=r"drive\.npz"):
         recorded_city_drive(tmp_path)
+    (tmp_path / "drive_comma").mkdir()
+    path = tmp_path / "drive_comma" / "drive.npz"
+    np.savez(path, frame_times=np.arange(3.0))
+    whole = path.read_bytes()
+    for bytes_there in (whole, whole[: len(whole) // 2], b""):
+        path.write_bytes(bytes_there)
+        with pytest.raises(SourceError, match=r"drive\.npz: expected comma2k19's"):
+            recorded_city_drive(tmp_path)
     (tmp_path / "kitti00").mkdir()
     with pytest.raises(SourceError, match="KITTI"):
         recorded_loop_drive(tmp_path, seed=1)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 from itertools import pairwise
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -80,7 +81,11 @@ def test_on_a_straight_way_the_own_lidar_warns_of_all_that_lies_in_the_lane_and_
     assert (len(of.beside_ahead_s), of.beside_ahead_s.max(), of.flickers) == (26, 0.0, 0)
 
 
-def test_a_folder_without_the_drives_is_refused_with_what_is_missing(tmp_path_factory: pytest.TempPathFactory) -> None:
-    result = CliRunner().invoke(app, ["evaluate", "warned", "--data", str(tmp_path_factory.mktemp("empty"))])
+def test_a_folder_without_the_drives_is_refused_with_what_is_missing(tmp_path: Path) -> None:
+    result = CliRunner().invoke(app, ["evaluate", "warned", "--data", str(tmp_path)])
+    assert result.exit_code == 1
+    assert f"neither drive_comma/drive.npz nor kitti00 under {tmp_path}" in result.output
+    (tmp_path / "kitti00").mkdir()
+    result = CliRunner().invoke(app, ["evaluate", "warned", "--data", str(tmp_path)])
     assert result.exit_code == 1
     assert "expected KITTI's poses" in result.output

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import json
+import os
 import subprocess
 import sys
 
@@ -42,6 +43,17 @@ def test_every_loop_of_detector_and_vehicle_is_compiled_before_the_first_drive()
     loops, unused = json.loads(done.stdout.splitlines()[-1])
     assert loops > 50
     assert unused == []
+
+
+def test_without_a_folder_for_compiled_loops_a_command_says_which_setting_names_one() -> None:
+    command = [sys.executable, "-m", "headsup.cli", "drive", "nowhere"]
+    # As on a read-only disk without a home: this leaves numba nothing but a folder that nobody has named.
+    bare = {"NUMBA_CACHE_LOCATOR_CLASSES": "UserProvidedCacheLocator"}
+    environment = {name: value for name, value in os.environ.items() if name != "NUMBA_CACHE_DIR"} | bare
+    done = subprocess.run(command, capture_output=True, text=True, check=False, env=environment)
+    assert done.returncode == 1
+    (line,) = done.stderr.splitlines()
+    assert "set NUMBA_CACHE_DIR to a folder that can be written" in line
 
 
 def compile_something(times: int) -> None:
