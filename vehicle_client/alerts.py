@@ -69,15 +69,16 @@ STANDSTILL_MPS = 2.0
 CORRIDOR_M = 2.5
 """Half width of the way ahead: half a lane (1.75 m) and half a large hole; how unsure both places are comes on top."""
 
-STAYS_M = 0.5
-"""What was announced stays so while it lies no farther outside the way: who can read a marker that comes and goes?"""
+STAYS_M = CORRIDOR_M - POST_BESIDE_M
+"""What was announced stays so while it lies no farther outside the way, also where it turns out to be slender: who can
+read a marker that comes and goes?"""
 
 WIDE_SDS = 2.0
-SURE_BEFORE_S, AT_LATEST_S = 3.0, 1.5
+SURE_BEFORE_S, AT_LATEST_S = 3.0, 2.0
 """How unsure it may be whether a place lies on the way. Most of what a bend could yet lead to lies beside it: what only
 the own LiDAR sees has to lie on it by two standard deviations 3 s ahead, where there is time to become surer, and is
-warned of 1.5 s ahead unless it lies beside by two (times chosen by `headsup evaluate warned`). What the server tells
-comes seconds earlier, and is warned of if it may lie on the way."""
+warned of 2 s ahead unless it lies beside by two: within 2 s a car stops from 30 km/h, a second of them gone before the
+driver brakes with 4 m/s^2. What the server tells comes seconds earlier, and is warned of if it may lie on the way."""
 
 OWN_GATE_M = 4.0
 """An own track and a server's obstacle of one sign nearer than this are one: 3 sigma of two satellite positions."""
@@ -211,7 +212,7 @@ def _not_passed(known: ObstacleMap, tracks: Sequence[Track], pose: Pose, alignme
             track, centre = own.pop(track_id)
             hazards.append(_hazard(kind, centre, _shape(track, pose), pose, 0.0, CORRIDOR_M, obstacle_id, track_id))
     for track, centre in own.values():
-        # A post is told to nobody (`vehicle_client.moments`), nor to the driver, unless the server warns of it.
+        # What would be a post beside the lane (`vehicle_client.posts`) is no hazard unless it may stand in the lane.
         slender = is_slender(track.kind, track.length_m, track.width_m, track.relief_m)
         reach_m = POST_BESIDE_M if slender else CORRIDOR_M
         hazards.append(_hazard(Kind(track.kind), centre, _shape(track, pose), pose, 0.0, reach_m, None, track.track_id))

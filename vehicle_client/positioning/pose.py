@@ -299,7 +299,14 @@ def _pose(estimate: CarEstimate, history: OdometryHistory, frame: LidarFrame, od
         enu_from_vehicle=enu_from_odom @ odom_from_vehicle,
         covariance_m2=covariance[:2, :2],
         altitude_sd_m=estimate.height.sd_m,
-        speed_mps=history.speed_mps if frame.speed_mps is None else frame.speed_mps,
+        speed_mps=_speed_mps(history.speed_mps, frame.speed_mps),
         heading_sd_rad=math.hypot(math.sqrt(float(covariance[YAW, YAW])), MOUNTED_YAW_SD_RAD),
         bend=history.bend,
     )
+
+
+def _speed_mps(driven_mps: float, stated_mps: float | None) -> float:
+    """The stated speed, if there is one; many a car states one without a sign."""
+    if stated_mps is None:
+        return driven_mps
+    return -abs(stated_mps) if driven_mps < 0 else stated_mps

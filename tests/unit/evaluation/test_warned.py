@@ -81,6 +81,14 @@ def test_on_a_straight_way_the_own_lidar_warns_of_all_that_lies_in_the_lane_and_
     assert (len(of.beside_ahead_s), of.beside_ahead_s.max(), of.flickers) == (26, 0.0, 0)
 
 
+def test_by_the_own_lidar_what_the_car_passes_on_its_way_back_is_no_thing_beside_nor_warned_of_before() -> None:
+    to, fro = [(0, 0), (500, 0)], [(500, 5), (0, 5)]
+    of = warned_by_own(drive_along(to + fro), as_driven, seed=1)
+    alone = warned_by_own(drive_along(to), as_driven, seed=1)
+    assert 0 < len(of.beside_ahead_s) < 1.5 * len(alone.beside_ahead_s)
+    assert of.ahead_s.max() < SOON_S
+
+
 def test_a_folder_without_the_drives_is_refused_with_what_is_missing(tmp_path: Path) -> None:
     result = CliRunner().invoke(app, ["evaluate", "warned", "--data", str(tmp_path)])
     assert result.exit_code == 1

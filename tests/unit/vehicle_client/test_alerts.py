@@ -303,9 +303,8 @@ UNSURE = LEFT_BEND / 2
 
 def test_while_a_bend_begins_or_ends_the_own_lidar_warns_late_rather_than_wrongly() -> None:
     """Here it leads 1.3 m farther to the left than straight on, give or take 0.6 m."""
-    on_bend, straight_on, beside = (track_at(16.0, y, number) for number, y in enumerate((1.3, -1.4, -3.5), start=1))
-    tracks = (on_bend, straight_on, beside)
-    for speed_mps, numbers in ((5.0, {1}), (16 / 1.5, {1, 2})):
+    tracks = [track_at(16.0, y, number) for number, y in enumerate((1.3, -0.3, -1.4, -3.5), start=1)]
+    for speed_mps, numbers in ((5.0, {1}), (16 / 2.5, {1, 2}), (16 / 2.0, {1, 2, 3})):
         pose = replace(pose_at(speed_mps=speed_mps), bend=Bend(LEFT_BEND, UNSURE))
         assert {h.track_id for h in choose(Alerts(), map_of(), tracks, pose, NOON_S).hazards} == numbers
 
@@ -326,7 +325,10 @@ def test_a_marker_that_is_shown_does_not_flicker_where_its_place_wavers() -> Non
     for beside_m in (CORRIDOR_M + 0.3, CORRIDOR_M - 0.2, CORRIDOR_M + 0.4):
         alerts = told(map_of(), (track_at(20.0, beside_m),), previous=alerts)
         assert alerts.hazards
-    assert not told(map_of(), (track_at(20.0, CORRIDOR_M + STAYS_M + 0.1),), previous=alerts).hazards
+    far = (track_at(20.0, CORRIDOR_M + STAYS_M + 0.1),)
+    assert not told(map_of(), far, previous=alerts).hazards
+    unsure = replace(pose_at(), bend=Bend(0.0, UNSURE))
+    assert choose(alerts, map_of(), far, unsure, NOON_S).hazards, "unless nobody knows so well where the way is"
     assert not told(map_of(), (track_at(20.0, CORRIDOR_M + 0.3),)).hazards
 
 
@@ -340,6 +342,13 @@ def test_a_slender_thing_that_may_stand_in_the_own_lane_is_no_post_beside_it() -
     announced = in_bend(map_of(), (cone,), curvature_per_m=0.0, sd_per_m=UNSURE)
     assert announced.hazards
     assert choose(announced, map_of(), (cone,), pose_at(), NOON_S).hazards, "what was announced stays so"
+
+
+def test_what_turns_out_to_be_slender_does_not_vanish() -> None:
+    broad = track_at(20.0, CORRIDOR_M - 0.1, kind=ObstacleKind.DEBRIS)
+    slender = replace(broad, length_m=0.3, width_m=0.3, relief_m=0.7)
+    assert told(map_of(), (slender,), previous=told(map_of(), (broad,))).hazards
+    assert not told(map_of(), (slender,)).hazards
 
 
 def test_in_a_bend_a_cone_in_the_own_lane_is_no_post_beside_it() -> None:

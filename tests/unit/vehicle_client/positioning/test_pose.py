@@ -203,6 +203,22 @@ def test_the_course_tells_the_heading_also_in_reverse(backwards: bool) -> None:
     assert found.pose.heading_rad == pytest.approx(EAST, abs=1e-3)
 
 
+@pytest.mark.parametrize("backwards", [False, True])
+@pytest.mark.parametrize("stated_mps", [None, SPEED_MPS])
+def test_the_speed_of_a_car_that_backs_is_below_0_also_where_it_is_stated_without_a_sign(
+    backwards: bool, stated_mps: float | None
+) -> None:
+    state, found = PoseFilter(), PoseUpdate(None, None)
+    for number in range(5):
+        x_m = -number if backwards else number
+        frame = replace(
+            frame_at(NOON_S + number / RATE_HZ, planar(x_m, 0, 0.0), fix_at(x_m, 0, EAST)), speed_mps=stated_mps
+        )
+        state, found = update(state, frame)
+    assert found.pose is not None
+    assert found.pose.speed_mps == pytest.approx(-SPEED_MPS if backwards else SPEED_MPS, rel=1e-5)
+
+
 def test_in_a_roundabout_the_pose_knows_its_bend_and_the_course_does_not_pull_the_heading() -> None:
     state, found = PoseFilter(), PoseUpdate(None, None)
     radius_m, rate = 20.0, SPEED_MPS / 20.0
