@@ -49,6 +49,11 @@ def main() -> None:
         raise SystemExit(
             f"headsup: {error.name} is not installed; run `make setup`, or pip install '.[all]' in the project's folder"
         ) from None
+    except ImportError as error:
+        # Ctrl-C while a compiled module is being loaded.
+        if not isinstance(error.__cause__, KeyboardInterrupt):
+            raise
+        raise SystemExit(130) from None
     except RuntimeError as error:
         if NOWHERE_TO_KEEP not in str(error):
             raise
