@@ -15,14 +15,18 @@ NOISE_M = 0.002
 
 
 def rings_of_a_road(seed: int, bias_m: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Points (N, 3) of a flat road before and behind, their ring, and their residual: a bias a ring, and noise."""
+    """Points (N, 3) of a flat road before and behind, their ring, and their residual: a bias a ring, and noise.
+
+    No bias is beyond three standard deviations: a ring that is off by more than `MAX_OFFSET_M` counts as a hump.
+    """
     rng = np.random.default_rng(seed)
     azimuth = np.radians(np.arange(0.0, 360.0, 0.3))
     ring, a = (v.ravel() for v in np.meshgrid(np.arange(ELEVATION_DEG.size), azimuth, indexing="ij"))
     range_m = HEIGHT_M / np.tan(-np.radians(ELEVATION_DEG[ring]))
     points = np.stack([range_m * np.cos(a), range_m * np.sin(a), np.full(a.size, -HEIGHT_M)], axis=1)
     on_strip = np.abs(points[:, 1]) < 3.5
-    residual = rng.normal(0.0, bias_m, ELEVATION_DEG.size)[ring] + rng.normal(0.0, NOISE_M, a.size)
+    biases_m = np.clip(rng.normal(0.0, bias_m, ELEVATION_DEG.size), -3 * bias_m, 3 * bias_m)
+    residual = biases_m[ring] + rng.normal(0.0, NOISE_M, a.size)
     return points[on_strip], ring[on_strip], residual[on_strip]
 
 
