@@ -96,7 +96,7 @@ def test_a_mould_at_its_own_size_keeps_length_depth_and_volume(tmp_path: Path) -
 @settings(max_examples=8, deadline=None)
 @given(st.integers(0, 1000), st.floats(0.75, 1.4), st.floats(0.4, 0.6), st.floats(0.05, 0.15))
 def test_a_hole_survives_being_moulded_and_scanned(seed: int, length: float, width: float, depth: float) -> None:
-    """Longer than wide by a quarter: of a nearly round one the scan's longest side is another than the hole's length."""
+    """Longer than wide by a quarter: of a nearly round one, the longest side of the scan may be another."""
     hole = PotholeShape(length, width, depth, outline_roughness=0.02).relief(seed)
     with TemporaryDirectory() as folder:
         write_mould_of(Path(folder) / "mould.ply", hole)
